@@ -12,7 +12,6 @@ from scipy.special import chdtri
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
-from discrepancy.rough.causes.breakaway_scatter import BreakawayScatter
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
@@ -326,11 +325,12 @@ def _verdict(
 
 def _what_moves_besides(view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]]) -> Message | None:
     """What moves in time that is no friction and no stem: a cause may only stand in for it. None where nothing does."""
-    names = {cause.name for cause, _ in seen}
-    if Presliding.name not in names and (moves := moves_at_rest(view.reading)) is not None:
-        return moves
-    # the plain fit has its breakaways' scatter, and of another cause that was seen it knows nothing
-    if names - {BreakawayScatter.name}:
+    if all(cause.name != Presliding.name for cause, _ in seen):
+        moves = moves_at_rest(view.reading)
+        if moves is not None:
+            return moves
+    # what else is seen, such as a stop, shows itself whatever wanders
+    if not all(cause.is_last for cause, _ in seen):
         return None
     return wanders_alike(selection.null, selection.model, view.setting.full_force_n)
 

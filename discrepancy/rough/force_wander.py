@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 _TIMES_S: Final = (2.0, 4.0, 8.0, 16.0, 32.0)
 _SHARES: Final = np.geomspace(0.002, 0.1, 12)  # of the full force: standard deviations of the wander
 _KNOTS: Final = 3.0  # in one of its times
-_SURE: Final = 3.0  # nats: what the choice of time and size is worth
+_SURE: Final = 12.0  # nats: a name needs as many; what a reading that lags leaves in the balance shows up to 8
 
 
 def wanders_alike(null: Solved, model: Solved, full_force_n: float) -> Message | None:

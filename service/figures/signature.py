@@ -53,6 +53,7 @@ _MUST_REACH: Final = say("mark_must_reach", "must reach")
 _BENCH_LIMITS: Final = say("mark_bench_limits", "bench set limits")
 _BENCH_NOMINAL: Final = say("mark_bench_nominal", "bench set, nameplate")
 _BENCH_MEASURED: Final = say("mark_bench_measured", "bench set, measured")
+_LINE: Final = 16.0  # from one line of words to the next
 _FONT: Final = "DejaVu Sans, Noto Sans, Arial, sans-serif"
 
 
@@ -500,16 +501,22 @@ def _letter(panel: _Panel, axes: _Axes, layer: Layer, number: int) -> str:
 def _friction_marks(
     panel: _Panel, layers: Sequence[Layer], frame: Frame, unit_n: float, reader: Reader
 ) -> Iterator[str]:
-    """Draw the limits of friction, and yield their words; one that lies far above is told."""
+    """Draw the limits of friction, and yield their words beside each other; one that lies far above is told."""
+    written, beyond = list[float](), 0
     for limit_n, words in _friction_limits(layers, frame):
         at = limit_n / unit_n
         if at <= panel.y[1]:
             panel.line(panel.x, [at, at], RED, ' stroke-width="1.4" stroke-dasharray="8 3 2 3"')
-            yield panel.label(panel.x[0], at, reader.told(words), RED, ' dx="6" dy="-5" text-anchor="start"')
+            is_free = all(abs(panel.at_y(at) - y) > _LINE for y in written)
+            x, dx, anchor = (panel.x[0], 6, "start") if is_free else (panel.x[1], -6, "end")
+            written += [panel.at_y(at)] if is_free else []
+            yield panel.label(x, at, reader.told(words), RED, f' dx="{dx}" dy="-5" text-anchor="{anchor}"')
         else:
+            beyond += 1
             limit = f"{plus_minus(at, None, digits=3)} {panel.y_unit}"
             above = say("limit_above", "{what} {limit}, above", what=words, limit=limit)
-            yield panel.label(panel.x[1], panel.y[1], reader.told(above), RED, ' dx="-6" dy="16" text-anchor="end"')
+            more = f' dx="-6" dy="{_LINE * beyond:g}" text-anchor="end"'
+            yield panel.label(panel.x[1], panel.y[1], reader.told(above), RED, more)
 
 
 def _legend(layers: Sequence[Layer], reader: Reader, width: int) -> Iterator[str]:

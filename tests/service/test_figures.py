@@ -213,6 +213,14 @@ def test_stops_bench_set_and_limits_are_drawn_where_they_are_known() -> None:
     assert "bench set, measured" in bare_words
 
 
+def test_limits_of_friction_that_are_alike_are_written_at_the_two_ends_of_the_figure() -> None:
+    frame = Frame(0.1, friction_share_percent=5.0, friction_n=(150.0, 250.0))  # both 250 N
+    drawing = signature_drawing([Layer("this test", _signature())], frame, Reader())
+    assert drawing is not None
+    ends = dict(re.findall(r'text-anchor="(start|end)">(most by baseline|acceptance limit)<', drawing.svg))
+    assert ends == {"start": "most by baseline", "end": "acceptance limit"}
+
+
 def test_a_limit_far_above_what_was_measured_is_told_and_does_not_flatten_the_curve() -> None:
     frame = Frame(0.1, friction_share_percent=60.0)  # 3,000 N
     drawing = signature_drawing([Layer("this test", _signature())], frame, Reader())

@@ -433,7 +433,8 @@ async def test_a_polled_test_ends_once_it_knows_what_was_asked(quick_path: Path)
     assert body["safe_confirmed"] is True
     assert body["until"] == {"F_s": "10 %", "F_c": "10 %"}
     recording = read_recording(quick_path / "plant-data" / "recordings" / f"{body['id']}.parquet")
-    assert 7.0 <= recording.duration_s < 40.0  # the turning point after the fourth breakaway, or a later one
+    # the turning point after the fourth breakaway, or a later one; where a busy machine halts the ramp the stem rests
+    assert 5.0 <= recording.duration_s < 40.0
     assert body["ended_early"]["until"] == body["until"]
     assert body["ended_early"]["saved_s"] == pytest.approx(48.0 - recording.duration_s, abs=2.0)
     assert body["ended_early"]["saved_s"] > 8.0
