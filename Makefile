@@ -42,9 +42,11 @@ collected: kernels
 # Kernels and tests are compiled beside the checks, which use one core: workers would compile the same at the same time.
 # Two workers compute and two others have the tests that wait for motions in real time (tests/order.py); the tests of a
 # file stay together, as they share what was simulated once, and files come in order: no long one is the last.
+# Hundreds keep real time, and a machine that stalls for a second fails one: what failed is asked once more, alone.
 test: $(VENV)/.dev  ## the checks, then every test
 	@$(MAKE) --no-print-directory -j 2 check collected
-	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS) || \
+	  { echo "Asked once more, alone:" >&2; $(BIN)/pytest --last-failed --last-failed-no-failures none $(ARGS); }
 
 quick: $(VENV)/.dev  ## while writing: style, types, and the tests that take a moment; one place: ARGS=tests/drivers
 	$(BIN)/ruff check .

@@ -91,7 +91,7 @@ async def test_a_stop_waits_for_one_attempt_to_recover_the_bus_and_not_for_three
     slave.faults.append(Fault(drop=True))
     with pytest.raises(NoAnswerError):
         await read(bus, 1)
-    slave.always = Fault(delay_s=0.15)  # each attempt takes so long, and its canary is wrong
+    slave.always = Fault(delay_s=0.05)  # each attempt takes so long, and its canary is wrong
     watch = Stopwatch()
     recovering = asyncio.create_task(read(bus, 2))
     await asyncio.sleep(0)
@@ -101,7 +101,7 @@ async def test_a_stop_waits_for_one_attempt_to_recover_the_bus_and_not_for_three
     with pytest.raises(BadAnswerError):
         await recovering
     assert len(slave.requests) - asked == 2, "one canary for the read, one for the stop"
-    longest_s = 2 * (0.15 + TIMEOUT_S) + (3 * WORST_LATENCY_S if bus.address.name == "line" else 0.0)
+    longest_s = 2 * (0.05 + TIMEOUT_S) + (3 * WORST_LATENCY_S if bus.address.name == "line" else 0.0)
     assert watch.own_s < longest_s
 
 
