@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import time
+from typing import Final
 
 from sqlalchemy import Connection, Engine, text
 
 from valve.errors import BusyError
 from valve.messages import say
+
+_GONE_WITHIN_S: Final = 2.0  # a server under load notices so late that the service before this one has ended
+_ASKS_EVERY_S: Final = 0.05
 
 
 class GatewayLock:
@@ -21,9 +26,12 @@ class GatewayLock:
         self._connection: Connection | None = None
 
     def acquire(self) -> None:
-        """Take the lock. Raises BusyError where another process holds it."""
+        """Take the lock, after a moment if need be. Raises BusyError where another process holds it."""
         connection = self._engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-        if not connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": self._key}).scalar_one():
+        until_s = time.monotonic() + _GONE_WITHIN_S
+        while not (has := self._tried(connection)) and time.monotonic() < until_s:
+            time.sleep(_ASKS_EVERY_S)
+        if not has:
             connection.close()
             name = (
                 say("gateway_named", "gateway {gateway}", gateway=repr(self._gateway))
@@ -40,6 +48,10 @@ class GatewayLock:
                 )
             )
         self._connection = connection
+
+    def _tried(self, connection: Connection) -> bool:
+        asked = connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": self._key})
+        return bool(asked.scalar_one())
 
     def release(self) -> None:
         """Give the lock back; nothing happens where it is not held."""

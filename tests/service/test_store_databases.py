@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import pytest
@@ -194,6 +195,15 @@ def test_a_check_is_stored_once_and_taken_up_once(quick_path: Path, database_url
     assert checks.newest_due("nightly", "") == NOW
     assert checks.latest("nightly") == [ended]
     store.close()
+
+
+def test_a_service_that_starts_as_the_one_before_ends_waits_until_the_server_knows_it(quick_path: Path) -> None:
+    with postgresql_database() as url:
+        first = Store(quick_path / "a", url, gateway="g1")
+        ending = Timer(0.4, first.close)
+        ending.start()
+        Store(quick_path / "b", url, gateway="g1").close()
+        ending.join()
 
 
 def test_one_gateway_has_one_process_on_a_database(quick_path: Path) -> None:
