@@ -63,13 +63,22 @@ def _gains(plain: Solved, full_force_n: float) -> list[tuple[float, float]]:
 
 
 def _basis(time_s: FloatArray, lasts_s: float) -> FloatArray:
-    """Columns, shape (n, knots), whose sum with independent standard normal sizes is the process, straight between."""
+    """Columns, shape (n, at most n), whose sum with independent standard normal sizes is the process.
+
+    It is straight between knots. Where these were more than rows, as of recordings of several days, the rows are them.
+    """
     first_s, last_s = float(time_s.min()), float(time_s.max())
     count = max(2, math.ceil((last_s - first_s) / lasts_s * _KNOTS) + 1)
-    knots_s = np.linspace(first_s, last_s, count)
-    away = math.sqrt(3.0) * np.abs(knots_s[:, None] - knots_s[None, :]) / lasts_s
-    root = np.linalg.cholesky((1.0 + away) * np.exp(-away) + 1.0e-9 * np.eye(count))
+    if count >= time_s.size:
+        return _root(time_s, lasts_s)
+    root = _root(np.linspace(first_s, last_s, count), lasts_s)
     place = (time_s - first_s) / max(last_s - first_s, 1.0e-9) * (count - 1)
     below = np.clip(np.floor(place).astype(np.int64), 0, count - 2)
     part = (place - below)[:, None]
     return np.asarray((1.0 - part) * root[below] + part * root[below + 1])
+
+
+def _root(at_s: FloatArray, lasts_s: float) -> FloatArray:
+    """A root of the process' covariance at these times, shape (n, n)."""
+    away = math.sqrt(3.0) * np.abs(at_s[:, None] - at_s[None, :]) / lasts_s
+    return np.asarray(np.linalg.cholesky((1.0 + away) * np.exp(-away) + 1.0e-9 * np.eye(at_s.size)))

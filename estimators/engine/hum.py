@@ -19,6 +19,8 @@ _BAND_HZ: Final = (45.0, 65.0)
 _FINER: Final = 4  # points a line of the spectrum
 _SLOWEST_ROWS: Final = 3.0  # a period has at least so many rows
 _SHORTEST_S: Final = 4.0
+_FEWEST: Final = 100  # rows
+_PAUSE_S: Final = 60.0  # after a longer one the mains' phase is another
 _SLOW_S: Final = 0.1  # whole periods of 50 and of 60 Hz: what moves more slowly is the stem
 _OUTLYING: Final = 4.0  # standard deviations: a stem that slips
 _SURE: Final = 14.0  # times the mean power of the band: chance does it once in a thousand recordings
@@ -29,6 +31,12 @@ _STIFFNESS: Final = 0.02  # of the rows a knot has: how much the hum of neighbou
 
 def without_hum(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     """Return the positions, m, shape (n,), without their hum; themselves where no line stands out."""
+    pauses = np.flatnonzero(np.diff(time_s) > _PAUSE_S) + 1
+    if pauses.size:
+        parts = zip(np.split(time_s, pauses), np.split(position_m, pauses), strict=True)
+        return np.concatenate([without_hum(*part) for part in parts])
+    if time_s.size < _FEWEST:
+        return position_m
     period_s = float(np.median(np.diff(time_s)))
     if _SLOWEST_ROWS * period_s * _BAND_HZ[1] > 1.0 or time_s[-1] - time_s[0] < _SHORTEST_S:
         return position_m

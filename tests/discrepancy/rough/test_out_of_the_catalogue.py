@@ -62,3 +62,14 @@ def test_a_position_that_stays_while_the_stem_rests_is_told_from_one_that_wander
         reading = read(replace(made.recording, position_m=made.recording.position_m + wandering_m), made.nameplate)
         assert isinstance(reading, Reading)
         assert (moves_at_rest(reading) is not None) is moves
+
+
+def test_a_pause_of_hours_costs_no_more_than_the_rows_that_there_are() -> None:
+    made = blind_case(9841, "odd")
+    (recording,) = made.recordings
+    half = recording.samples // 2
+    later_s = np.where(
+        np.arange(recording.samples) < half, 0.0, 6.0 * 3600.0
+    )  # a grid of this time would not fit into memory
+    found = diagnose(replace(recording, time_s=recording.time_s + later_s), made.nameplate)
+    assert found.verdict in {Verdict.UNEXPLAINED, Verdict.NONE}

@@ -42,6 +42,17 @@ def test_hum_goes_and_nothing_else(hertz: float, drift_hz_per_s: float, size_m: 
         assert np.std(left_m[inside]) < 0.35 * np.std(hum_m)
 
 
+def test_after_a_pause_of_days_the_hum_is_taken_off_by_itself_and_no_grid_spans_them() -> None:
+    time_s, plain_m = _moved(1.0e-3)
+    hum_m = 14.0e-6 * np.sin(2.0 * math.pi * 50.0 * time_s)
+    days_s, twice_m = np.concatenate([time_s, time_s + 30.0 * 86400.0]), np.concatenate([plain_m, plain_m])
+
+    left_m = without_hum(days_s, twice_m + np.concatenate([hum_m, hum_m])) - twice_m
+
+    alone_m = without_hum(time_s, plain_m + hum_m) - plain_m
+    assert left_m == pytest.approx(np.concatenate([alone_m, alone_m]), abs=1.0e-9)
+
+
 def test_noise_alone_is_left_as_it_is() -> None:
     for seed in range(8):
         time_s, position_m = _moved(1.0e-3, seed)
