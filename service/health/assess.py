@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from service.health.acceptance import checks_of, is_known, remark, unmet
 from service.health.changes import Change, changes_between
-from service.health.forecast import forecasts, scatter_of, trends_of
+from service.health.forecast import forecasts, scatter_of, steps_of, told_steps, trends_of
 from service.health.results import Case, Check, Finding, Health, Ne107
 from service.model.health_figures import Figures, figures_of, widened
 from service.model.past_test import Baseline
@@ -54,6 +54,7 @@ def assess(case: Case) -> Health:
     held = None if was is None else widened(was, scatter)
     changes = changes_between(held, widened(now, scatter), case.limits, case.valve)
     trends = trends_of(case, held, widened(now, scatter))
+    steps = steps_of(case, held, now)
     checks = checks_of(case, now)
     findings = list(_by_itself(case, now, checks))
     if _stuck(case, now) is None:
@@ -63,9 +64,10 @@ def assess(case: Case) -> Health:
     alone = replace(case, baseline=None)
     is_accepted = not any(_by_itself(alone, now, checks_of(alone, now)))
     remarks = _remarks(case)
-    notes = (*_notes(case, findings, changes, checks, is_accepted=is_accepted), *remarks.values())
+    of_steps = told_steps(steps, trends, changes)
+    notes = (*of_steps, *_notes(case, findings, changes, checks, is_accepted=is_accepted), *remarks.values())
     found = (tuple(findings), tuple(changes), tuple(trends), case.baseline)
-    return Health(*found, notes, checks, tuple(remarks), is_accepted=is_accepted)
+    return Health(*found, notes, checks, tuple(remarks), is_accepted=is_accepted, steps=tuple(steps))
 
 
 def _by_itself(case: Case, now: Figures, checks: tuple[Check, ...]) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""What the judgement of a result is made of and gives: earlier tests, findings, trends, the state with its reasons."""
+"""What the judgement of a result is made of and gives: earlier tests, findings, trends, steps, state and reasons."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts
+from service.health.step import Step
 from service.health.trend import Crossing, Slope
 from service.model.health_limits import HealthLimits
 from service.model.past_test import Baseline, PastTest
@@ -100,6 +101,32 @@ class TrendFound:
 
 
 @dataclass(frozen=True, slots=True)
+class StepFound:
+    """A figure whose newest tests lie above or below all before; ``limit`` is the change against the baseline."""
+
+    name: str
+    step: Step
+    limit: float
+
+    @property
+    def size_ci95(self) -> tuple[float, float]:
+        """Interval of the step's size, whichever way it went."""
+        low, high = sorted(abs(end) for end in self.step.ci95)
+        return low, high
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of ``health.steps``."""
+        return {
+            "name": self.name,
+            "before": self.step.before,
+            "change": self.step.change,
+            "ci95": list(self.step.ci95),
+            "since": self.step.since.isoformat(),
+            "tests": self.step.tests,
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class Health:
     """How a valve stands by one result: the worst state, every reason, every figure against the baseline.
 
@@ -115,6 +142,7 @@ class Health:
     checks: tuple[Check, ...] = ()
     remarks: tuple[str, ...] = ()
     is_accepted: bool = False
+    steps: tuple[StepFound, ...] = ()
 
     @property
     def effect_percent(self) -> float | None:
@@ -138,6 +166,7 @@ class Health:
             "acceptance": {"passed": self.is_accepted, "checks": [one.to_json() for one in self.checks]},
             "changes": [one.to_json() for one in self.changes],
             "trends": [one.to_json() for one in self.trends],
+            "steps": [one.to_json() for one in self.steps],
             "baseline": None
             if base is None
             else {"test": base.test.test_id, "at": base.test.at.isoformat(), "set_by": base.set_by or None},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from typing import Any, Final
 
 from service.report.source import ReportSource
@@ -142,11 +143,27 @@ def _against(analysis: Mapping[str, Any]) -> list[str]:
     return []
 
 
+def _stepped(analysis: Mapping[str, Any], reader: Reader) -> list[str]:
+    for step in (analysis.get("health") or {}).get("steps") or ():
+        if step["name"] in _FRICTION:
+            by = reader.quantity(abs(step["change"]), "N", 2)
+            day = f"{datetime.fromisoformat(step['since']).astimezone(reader.zone):%Y-%m-%d}"
+            return [
+                say("higher_since", "{by} higher since {day}", by=by, day=day)
+                if step["change"] > 0.0
+                else say("lower_since", "{by} lower since {day}", by=by, day=day)
+            ]
+    return []
+
+
 def _trend(analysis: Mapping[str, Any], reader: Reader) -> list[str]:
     for trend in (analysis.get("health") or {}).get("trends") or ():
         if trend["name"] in _FRICTION:
             low, high = trend["ci95"]
             if low <= 0.0 <= high:
+                stepped = _stepped(analysis, reader)
+                if stepped:
+                    return stepped
                 return [say("steady_over", "steady over {n} tests", n=trend["tests"])]
             by = reader.quantity(abs(trend["per_day"]) * _MONTH_DAYS, "N", 2)
             moved = (

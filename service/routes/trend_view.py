@@ -13,7 +13,7 @@ from service.model.past_test import PastTest
 from service.model.watched_day import WatchedDay
 
 _INSTANT: Final = {"type": ["string", "null"], "format": "date-time"}
-#: What ``health.trends`` has, for the OpenAPI document: results of earlier versions may lack what was added later.
+#: ``health.trends`` and ``steps`` for the OpenAPI document: results of earlier versions may lack what is new.
 HEALTH_SCHEMA: Final[dict[str, Any]] = {
     "properties": {
         "trends": {
@@ -33,7 +33,20 @@ HEALTH_SCHEMA: Final[dict[str, Any]] = {
                     | {"description": "end of its 95 % interval; null: not known, or not within five years"},
                 }
             },
-        }
+        },
+        "steps": {
+            "description": "figures whose newest tests lie above or below all before, since the baseline, SI",
+            "items": {
+                "properties": {
+                    "name": {"type": "string"},
+                    "before": {"type": "number", "description": "level of the tests before"},
+                    "change": {"type": "number", "description": "of the level"},
+                    "ci95": {"type": "array", "items": {"type": "number"}, "description": "of change"},
+                    "since": {"type": "string", "format": "date-time", "description": "first test after the change"},
+                    "tests": {"type": "integer", "description": "tests since then, with this one"},
+                }
+            },
+        },
     }
 }
 

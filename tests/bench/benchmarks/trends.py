@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from service.health.forecast import BEYOND, LATEST, TOLD
+from service.health.forecast import BEYOND, LATEST, STEP, TOLD
+from service.health.step import steps_of
 from service.health.trend import LEAST_TESTS, MOST_TESTS, lines_through
 from service.model.health_limits import HealthLimits
 from valve.recording import FloatArray
@@ -223,6 +224,13 @@ def is_up(figures: FloatArray, half: FloatArray, limit: float = _LIMIT) -> Flags
     return np.asarray((moved > _reach(figures, half)) & (moved > limit * figures[0]))
 
 
+def has_stepped(figures: FloatArray) -> Flags:
+    """Whether health says that friction has risen: the newest tests lie above all before."""
+    near = figures[-MOST_TESTS:]
+    least = np.vstack((STEP * _LIMIT * figures[0], np.full(figures.shape[1], np.inf)))
+    return np.asarray(steps_of(np.arange(1.0 - len(near), 1.0), near, least).tests > 0.0)
+
+
 def is_forecast(forecast: Forecast, figures: FloatArray, half: FloatArray, share: float = BEYOND) -> Flags:
     """Whether health says that friction runs to its limit."""
     is_near = (forecast.nights <= _DAYS) & (forecast.latest <= LATEST * _DAYS)
@@ -324,6 +332,7 @@ def _alarms(valves: int) -> Table:
             past = figures[: night + 1]
             for rule, limit in CHANGES.items():
                 counts["change", rule][column] += int(is_up(past, half, limit).sum())
+            counts["step", "friction has risen"][column] += int(has_stepped(past).sum())
             if night + 1 < LEAST_TESTS:
                 continue
             for name, method in methods.items():
@@ -343,7 +352,7 @@ def _found(valves: int) -> Table:
     table = Table(
         title=f"A step after {_FIRST_NIGHTS} nights: nights until it is found, median / 90 % of the valves",
         caption="M: friction is up, or runs to its limit. A rise of 10 % is within the limit of 25 %: that rules M out "
-        "by design. Rising: the trend is sure.",
+        "by design. Rising: the trend is sure. Risen: the newest tests lie above all before.",
     )
     for heading in ("rise", "statement", *WANDERS):
         table.add_column(heading, justify="left" if heading in ("rise", "statement") else "right")
@@ -362,6 +371,8 @@ def _found(valves: int) -> Table:
                 said["M, limit 8 %"].append(is_up(past, half, 0.08))
                 said["change beyond its interval"].append(is_up(past, half, 0.0))
                 said["trend: rising"].append(found.sure)
+                said["step: risen"].append(has_stepped(past))
+                said["step or trend"].append(found.sure | said["step: risen"][-1])
             for rule, one in said.items():
                 hits = np.array(one)
                 first = np.where(hits.any(axis=0), hits.argmax(axis=0) + 1.0, np.inf)

@@ -1,4 +1,4 @@
-"""The night in which a limit is met: how often its interval holds, what it never says, and how pages say it."""
+"""The night in which a limit is met and a step below it: how often they hold, what is never said, how pages say it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from service.model.past_test import Baseline, PastTest
 from service.model.run import Run, RunState, new_run_id
 from service.shown.forecast import Forecast, all_forecasts, forecasts_of
 from service.store.store import Store
-from tests.bench.benchmarks.trends import CHOSEN, METHODS, back_tested, drawn, is_forecast, is_up
+from tests.bench.benchmarks.trends import CHOSEN, METHODS, back_tested, drawn, has_stepped, is_forecast, is_up
 from tests.service.health.analyses import FACTS, LIMITS, analysis
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.running_service import running_service
@@ -78,6 +78,55 @@ def test_a_rise_within_the_limit_is_no_reason_and_one_beyond_it_is_found_at_once
         within = [550.0 * (1.0 + draw.gauss(0.0, 0.01)) for _ in range(nights)]
         assert judged([*steady, *within]).ne107 == "N"
     assert judged([*steady, 660.0]).ne107 == "M"
+
+
+@pytest.mark.parametrize("forgotten", [0.0, 3.0, 10.0])
+def test_a_rise_of_ten_percent_is_found_within_a_week_and_hardly_ever_where_there_is_none(forgotten: float) -> None:
+    truth: FloatArray = np.where(np.arange(37) < 30, 1.0, 1.1)
+    figures, _ = drawn(truth, 100, forgotten, np.random.default_rng(7))
+    found = np.array([has_stepped(figures[: night + 1]) for night in range(30, 37)])
+    assert np.mean(found.any(axis=0)) > 0.7
+    steady, _ = drawn(np.ones(61), 60, forgotten, np.random.default_rng(8))
+    alarms = sum(int(np.sum(has_stepped(steady[: night + 1]))) for night in range(7, 61))
+    assert alarms <= 2  # of 3240 valve-nights, which a valve's own follow each other
+
+
+def steps(health: Health) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = health.to_json()["steps"]
+    return found
+
+
+@pytest.mark.parametrize(("to_n", "words"), [(560.0, "higher than before"), (440.0, "lower than before")])
+def test_a_step_within_the_limit_is_told_with_its_day_and_its_interval(to_n: float, words: str) -> None:
+    draw = random.Random(4)
+    nights = [(500.0 if night < 20 else to_n) * (1.0 + draw.gauss(0.0, 0.02)) for night in range(24)]
+    health = judged(nights)
+    (found,) = steps(health)
+    assert (found["name"], found["tests"]) == ("friction_mean_n", 4)
+    assert datetime.fromisoformat(found["since"]) == NOW - timedelta(days=3)
+    assert found["ci95"][0] <= to_n - 500.0 <= found["ci95"][1]
+    assert found["before"] == pytest.approx(500.0, abs=8.0)
+    (told,) = [one for one in health.notes if words in one]
+    assert "since 2026-11-18, over 4 tests, " in told
+    assert "125 N" in told
+    assert health.ne107 == "N"
+
+
+def test_one_odd_night_is_no_step_and_one_beyond_the_limit_is_told_once() -> None:
+    draw = random.Random(4)
+    steady = [500.0 * (1.0 + draw.gauss(0.0, 0.01)) for _ in range(20)]
+    assert steps(judged([*steady, 600.0])) == []
+    assert steps(judged([*steady, 600.0, *steady[:3]])) == []
+    beyond = judged([*steady, 700.0, 700.0])
+    assert beyond.ne107 == "M"
+    assert not any("higher than before" in note for note in beyond.notes)
+
+
+def test_where_a_line_is_sure_the_trend_tells_and_not_a_step() -> None:
+    draw = random.Random(6)
+    health = judged([500.0 + 1.5 * night + draw.gauss(0.0, 3.0) for night in range(50)])
+    assert friction(health)["ci95"][0] > 0.0
+    assert not any("higher than before" in note for note in health.notes)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -247,3 +296,26 @@ async def test_list_page_report_and_interface_tell_the_forecast(plant_text: str,
         schemas = (await client.get("/openapi.json")).json()["components"]["schemas"]
         entry = schemas["ValveSummary"]["properties"]["health"]["properties"]["trends"]["items"]["properties"]
         assert set(trends[0]) <= set(entry)
+
+
+async def test_page_report_and_interface_tell_the_step(plant_text: str, quick_path: Path) -> None:
+    file = quick_path / "plant.toml"
+    file.write_text(plant_text, encoding="utf-8")
+    plant = load_plant(file)
+    draw, now = random.Random(2), datetime.now(UTC)
+    store = Store(plant.service.store)
+    for night in range(24):
+        at = now - timedelta(days=23 - night)
+        found = analysis(friction_n=(500.0 if night < 20 else 560.0) + draw.gauss(0.0, 8.0))
+        run = Run(id=new_run_id(at), valve="FV-101", sequence="triangle", state=RunState.COMPLETED, created_at=at)
+        found["health"] = health_of(store.figures, plant.valves["FV-101"], run, found)
+        store.runs.insert(replace(run, started_at=at, finished_at=at, quality={}, safe_confirmed=True, analysis=found))
+    store.close()
+    async with running_service(plant, FakeRig(), FakeAnalyst()) as client:
+        assert "Friction, mean: since " in (await client.get("/ui/valves/FV-101")).text
+        report = (await client.get(f"/tests/{run.id}/report?format=html")).text
+        assert f"N higher since {now - timedelta(days=3):%Y-%m-%d}" in report
+        (step,) = (await client.get("/valves")).json()["valves"][0]["health"]["steps"]
+        schemas = (await client.get("/openapi.json")).json()["components"]["schemas"]
+        entry = schemas["ValveSummary"]["properties"]["health"]["properties"]["steps"]["items"]["properties"]
+        assert set(step) == set(entry)
