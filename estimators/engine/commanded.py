@@ -119,7 +119,7 @@ def with_likely_path(reading: Reading, lag: Known) -> tuple[Reading, Known]:
     lag_s = max(_SHARE * lag.value, _SHORTEST_S)
     restarts = restarts_of(path.force_n, reading.samples.run_first)
     force_n = passed(reading.time_s, path.force_n, restarts, lag_s, 0.0)
-    likely = replace(path, force_n=force_n, lag_s=lag_s)
+    likely = replace(path, force_n=force_n, lag_s=lag_s, peaks_s=np.empty(0), peaks_n=np.empty(0))
     left_s = lag.value - lag_s
     return replace(reading, path=likely), Known(left_s, math.hypot(lag.std_error, lag_s))
 

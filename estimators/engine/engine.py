@@ -72,6 +72,7 @@ _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _SEEN: Final = 0.03  # of F_c
 _UNRESOLVED_S: Final = 0.004  # the times of a stem and of a sensor's filter: slower rows do not show them
 _MASSES_KG: Final = (0.005, 450.0)  # of all moving parts, stem valves from the smallest to the largest
+_STOP_ROWS: Final = 0.2  # of the stem's lag F_v / k: slower rows do not show at what speed it stops
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _CREEPS: Final = 0.01  # of F_c, that creeping leaves open
 _FAR: Final = 3.5  # standard errors
@@ -267,6 +268,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
         for symbol in ("m", "DV"):
             parameters[symbol] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
+    if whole is not None and reading.samples.period_s > _STOP_ROWS * whole.best.unknowns.dynamics.lag_s:
+        parameters["DV"] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
     if reading.samples.period_s > _NO_MASS_S and whole is not None and whole.best.model.fields.count:
         parameters["m"] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
     if whole is not None and whole.creeping.get("F_c", 0.0) > _CREEPS * found.known("F_c").value:

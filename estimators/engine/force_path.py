@@ -53,6 +53,9 @@ _DONE: Final = 1.0e-9  # of the squares that are left
 _BATCH_S: Final = 1.0  # longer than a gauge's noise, or an I/P's hunting, remembers
 _ANEW_SHARE: Final = 0.02  # of the command's range, across a gap
 _FEWEST_RUN_ROWS: Final = 20
+_PEAK_ROWS: Final = 6  # on either side of a turn, that show whether the force is straight there
+_PEAK_LEFT: Final = 0.05  # of the bend in a row's time: so straight must it be
+_PEAK_APART: Final = 1.0e-3  # of a row's time: a turn nearer to its row is there
 
 
 class Source(StrEnum):
@@ -73,6 +76,7 @@ class ForcePath:
     ``lag_s``, with its standard error ``lag_error_s``, and ``dead_time_s`` are the path's, 0 where there is none;
     ``commanded_n`` is the command's force before them, shape (n,), where they are not 0, and from ``bends_s`` on such a
     force bends. The force may be later than said by up to ``late_s``: a short lag may be the gauge's or the I/P's.
+    At ``peaks_s`` straight lines meet between two rows, at the forces ``peaks_n``, shape (p,).
     """
 
     source: Source
@@ -86,6 +90,14 @@ class ForcePath:
     commanded_n: FloatArray | None = None
     bends_s: FloatArray = field(default_factory=lambda: np.empty(0))
     lag_error_s: float = 0.0
+    peaks_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    peaks_n: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def at(self, when_s: FloatArray, time_s: FloatArray) -> FloatArray:
+        """Return the force at any times, N: straight between the rows at ``time_s``, shape (n,), and the peaks."""
+        place = np.searchsorted(time_s, self.peaks_s)
+        known_s, known_n = np.insert(time_s, place, self.peaks_s), np.insert(self.force_n, place, self.peaks_n)
+        return np.interp(when_s, known_s, known_n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -118,6 +130,13 @@ def force_path(
     noise_m: float,
 ) -> ForcePath:
     """Return the force at these complete rows. Raises RecordingError where the diaphragm area is needed and unknown."""
+    path = _at_rows(recording, nameplate, rows, spring_n_per_m=spring_n_per_m, noise_m=noise_m)
+    return path if path.lag_s > 0.0 else _with_peaks(recording.time_s[rows], path)
+
+
+def _at_rows(
+    recording: Recording, nameplate: Nameplate, rows: IntArray, *, spring_n_per_m: float, noise_m: float
+) -> ForcePath:
     time_s = recording.time_s[rows]
     run_first, _ = runs_between_gaps(time_s)
     measured_n = recording.actuator_force_n(nameplate)[rows]
@@ -141,6 +160,57 @@ def force_path(
         if lines is not None and float(lines.left_n.std()) <= _MOST_LEFT * range_n:
             return lines
     return ForcePath(Source.MEASURED, measured_n, noise_n, turns(time_s, measured_n, noise_n, range_n), nothing)
+
+
+def _with_peaks(time_s: FloatArray, path: ForcePath) -> ForcePath:
+    """Return the path with the turns between two rows at which straight lines meet.
+
+    Straight from row to row the force would miss the tip of a triangle: in rows of 20 ms by more than some valves'
+    friction varies.
+    """
+    corners_s, peaks_s, peaks_n = path.corners_s.copy(), [], []
+    for number, row in enumerate(np.searchsorted(time_s, path.corners_s).tolist()):
+        peak = _peak(time_s, path.force_n, _tip(time_s, path.force_n, row))
+        if peak is not None:
+            corners_s[number] = peak[0]
+            peaks_s.append(peak[0])
+            peaks_n.append(peak[1])
+    return replace(path, corners_s=corners_s, peaks_s=np.array(peaks_s), peaks_n=np.array(peaks_n))
+
+
+def _tip(time_s: FloatArray, force_n: FloatArray, row: int) -> int:
+    """Row of the largest or the smallest force near a turn, which smoothing puts elsewhere between unlike ramps."""
+    first = int(np.searchsorted(time_s, time_s[row] - _SMOOTHED_S))
+    end = int(np.searchsorted(time_s, time_s[row] + _SMOOTHED_S, side="right"))
+    near = force_n[first:end]
+    is_upper = force_n[row] > 0.5 * (near[0] + near[-1])
+    return first + int(np.argmax(near) if is_upper else np.argmin(near))
+
+
+def _peak(time_s: FloatArray, force_n: FloatArray, row: int) -> tuple[float, float] | None:
+    """Instant, s, and force, N, at which the lines before and after a turn meet near its row; None if they do not."""
+    # the turn may lie on either side of its row
+    before, after = slice(row - 1 - _PEAK_ROWS, row), slice(row + 1, row + 2 + _PEAK_ROWS)
+    if before.start < 0 or after.stop > time_s.size:
+        return None
+    lines, left = [], 0.0
+    for side, near in ((before, -1), (after, 0)):
+        at_s, values = time_s[side] - time_s[row], force_n[side]
+        slope, level = np.polyfit(at_s, values, 1)
+        left = max(
+            left, float(np.abs(values - level - slope * at_s)[near]), float(np.std(values - level - slope * at_s))
+        )
+        lines.append((float(slope), float(level)))
+    (rising, at_row), (falling, level) = lines
+    bend = rising - falling
+    period_s = float(np.median(np.diff(time_s[before.start : after.stop])))
+    if rising * falling >= 0.0 or left > _PEAK_LEFT * abs(bend) * period_s:
+        return None
+    meets_s = (level - at_row) / bend
+    peak_s = float(time_s[row]) + meets_s
+    if not time_s[row - 1] < peak_s < time_s[row + 1] or abs(meets_s) < _PEAK_APART * period_s:
+        return None
+    return peak_s, at_row + rising * meets_s
 
 
 def turns(time_s: FloatArray, force_n: FloatArray, noise_n: float, range_n: float) -> FloatArray:

@@ -30,6 +30,11 @@ class Dynamics:
     spring_n_per_m: float
     filter_s: float
 
+    @property
+    def lag_s(self) -> float:
+        """How late a damped stem follows, F_v / k, s."""
+        return self.damping_n_s_per_m / self.spring_n_per_m
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:

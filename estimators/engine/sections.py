@@ -108,6 +108,9 @@ def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
         after = reading.segmentation.rests[move.next_rest]
         last = min(after.last - 1, int(np.searchsorted(time_s, time_s[after.first] + _AFTER_STOP_S)))
         arrived_s = [float(time_s[after.first])]
+    elif not at_stop and _turns_at_once(reading, move):
+        # it rested too shortly to be seen, and may be on its way back in the row of the turn
+        stops, last = True, last - 1
     corners_s = path.corners_s[(path.corners_s > move.began_s) & (path.corners_s < time_s[last])]
     first = max(rest.first + 1, int(np.searchsorted(time_s, move.began_s - _BEFORE_S)))
     if last - first < 4:
@@ -127,11 +130,11 @@ def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
         return None  # hardly anything of the motion is left
     free_s = _free_from(move, corners_s, float(time_s[move.last]), stops)
     step_s = max(2.0 * reading.samples.period_s, 0.01)
-    force_n = np.interp(nodes_s, time_s, path.force_n)
+    force_n = path.at(nodes_s, time_s)
     # not across a gap
     first_s, last_s = time_s[reading.samples.run_first[at[0]]], time_s[reading.samples.run_last[at[0]]]
     later_s, sooner_s = np.minimum(nodes_s + step_s, last_s), np.maximum(nodes_s - step_s, first_s)
-    later, sooner = np.interp(later_s, time_s, path.force_n), np.interp(sooner_s, time_s, path.force_n)
+    later, sooner = path.at(later_s, time_s), path.at(sooner_s, time_s)
     return Section(
         direction=move.direction,
         began_s=move.began_s,
@@ -150,6 +153,12 @@ def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
         rest_ends_s=float(time_s[rest.last]),
         before=_direction_before(reading, move),
     )
+
+
+def _turns_at_once(reading: Reading, move: Move) -> bool:
+    """Whether the next move goes back from where this one ended."""
+    following = next((one for one in reading.segmentation.moves if one.first >= move.last), None)
+    return following is not None and following.direction == -move.direction and following.first - move.last <= 1
 
 
 def _direction_before(reading: Reading, move: Move) -> int:

@@ -21,7 +21,7 @@ from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording
-from valve.waveform import triangle
+from valve.waveform import multi_rate_triangle, triangle
 
 _FULL_FORCE_N = 82737.0 * 0.06452  # of the nominal valve
 
@@ -137,6 +137,33 @@ def test_a_perfect_valve_is_known_to_the_order_of_the_bound() -> None:
 
     for symbol, most in (("k", 4.0e-5), ("F_c", 4.0e-5), ("F_s", 5.0e-4), ("F_v", 5.0e-3), ("m", 0.03)):
         assert abs(_off(estimate, made, symbol)[0]) < most
+
+
+def _all_hold(made: Recorded, symbols: tuple[str, ...], most: float) -> Estimate:
+    estimate = RoughFrictionEstimator().estimate(made.recording, made.nameplate)
+    truth = made.truth.by_symbol()
+    for symbol in symbols:
+        known = estimate.parameters[symbol]
+        assert known.value is not None
+        assert known.ci95 is not None
+        assert known.ci95[0] <= truth[symbol] <= known.ci95[1], symbol
+        assert known.value == pytest.approx(truth[symbol], rel=most), symbol
+    return estimate
+
+
+def test_slow_rows_hide_neither_where_the_force_turns_nor_what_friction_is() -> None:
+    """The tip of the triangle lies between two rows; F_c was 0.5 % off, 2.5 times its interval."""
+    wave = triangle(19.3137, 3, 0.0, 82737.0)
+    made = recorded("nominal", period_s=5.0e-2, noise_m=5.0e-6, waveform=wave, jitter=0.1, seed=3)
+    estimate = _all_hold(made, ("k", "F_c", "F_s"), 1.0e-3)
+    assert estimate.parameters["DV"].value is None
+
+
+def test_rests_too_short_for_the_rows_are_no_motion_without_a_stop() -> None:
+    """A vendor valve rests 13 ms at each turn of a fast ramp; F_v was 4 % off, 18 times its interval."""
+    wave = multi_rate_triangle([20.4, *[2.2] * 20], 0.0, 82737.0)
+    made = recorded("vendor", period_s=5.0e-3, noise_m=0.3e-6, waveform=wave, jitter=0.1, seed=4)
+    _all_hold(made, ("k", "F_v", "F_c", "F_s"), 0.02)
 
 
 @pytest.mark.long

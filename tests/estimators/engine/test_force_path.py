@@ -49,6 +49,46 @@ def test_a_late_force_is_late_by_what_the_pressure_shows(lag_s: float, dead_time
     assert path.late_s >= 0.008
 
 
+@pytest.mark.parametrize("period_s", [5.0e-3, 2.0e-2, 5.0e-2])
+@pytest.mark.parametrize("noise_pa", [0.0, 0.5])
+def test_a_turn_between_two_rows_is_as_sharp_and_as_late_as_the_lines_beside_it_say(
+    period_s: float, noise_pa: float
+) -> None:
+    """Unlike ramps, so that smoothing puts the turn elsewhere; a gauge of hardly any noise."""
+    corners_s, corners_pa = np.array([0.0, 7.0137, 9.2211, 16.2348]), np.array([20.0e3, 100.0e3, 30.0e3, 100.0e3])
+    rng = np.random.default_rng(2)
+    time_s = np.arange(0.0, 16.2, period_s)
+    time_s[1:] += np.clip(rng.normal(0.0, 0.1, time_s.size - 1), -0.3, 0.3) * period_s
+    pressure_pa = np.interp(time_s, corners_s, corners_pa) + rng.normal(0.0, noise_pa, time_s.size)
+    plate = Nameplate("FV-1", Actuator(0.05, _AREA_M2), Signal((4.0, 20.0), (20.0e3, 100.0e3)))
+    recording = Recording(time_s, np.zeros(time_s.size), pressure_pa)
+    path = force_path(recording, plate, np.arange(time_s.size), spring_n_per_m=5.0e4, noise_m=1.0e-4)
+
+    assert path.source is Source.MEASURED
+    assert path.corners_s == pytest.approx(corners_s[1:3], abs=1.0e-4)
+    near_s = corners_s[1:3, None] + period_s * np.linspace(-1.0, 1.0, 9)
+    true_n = _AREA_M2 * np.interp(near_s, corners_s, corners_pa)
+    blunt_n = np.interp(near_s, time_s, _AREA_M2 * pressure_pa)
+    worst_n = np.abs(path.at(near_s.ravel(), time_s).reshape(near_s.shape) - true_n).max()
+    assert worst_n < 4.0 * _AREA_M2 * noise_pa + 1.0e-6
+    assert np.abs(blunt_n - true_n).max() > 30.0 * worst_n
+
+
+def test_the_pressure_of_an_ip_that_lags_has_no_sharp_turn() -> None:
+    period_s, lag_s = 2.0e-2, 3.0e-2
+    time_s = np.arange(0.0, 40.0, period_s)
+    command_pa = triangle(20.0137, 2, 20.0e3, 100.0e3).at(time_s)
+    pressure_pa = passed(time_s, command_pa, np.zeros(time_s.size, np.bool_), lag_s, 0.0)
+    plate = Nameplate("FV-1", Actuator(0.05, _AREA_M2), Signal((4.0, 20.0), (20.0e3, 100.0e3)))
+    recording = Recording(time_s, np.zeros(time_s.size), pressure_pa)
+    path = force_path(recording, plate, np.arange(time_s.size), spring_n_per_m=5.0e4, noise_m=1.0e-4)
+
+    assert path.corners_s.size == 3
+    assert path.peaks_s.size == 0
+    between_s = time_s[:-1] + 0.5 * period_s
+    assert path.at(between_s, time_s) == pytest.approx(np.interp(between_s, time_s, path.force_n))
+
+
 def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_damping() -> None:
     """A gauge of 20 ms is louder at low frequencies; let through, it made F_v six times as large and F_c 10 % low."""
     quiet = case("nominal", "triangle", "hard", seed=9300, path={"hunting": Hunting(0.0)})
