@@ -53,7 +53,7 @@ _DONE: Final = 1.0e-9  # of the squares that are left
 _BATCH_S: Final = 1.0  # longer than a gauge's noise, or an I/P's hunting, remembers
 _ANEW_SHARE: Final = 0.02  # of the command's range, across a gap
 _FEWEST_RUN_ROWS: Final = 20
-_PEAK_ROWS: Final = 6  # on either side of a turn, that show whether the force is straight there
+_PEAK_ROWS: Final = 7  # on either side of a turn, that show whether the force is straight there
 _PEAK_LEFT: Final = 0.05  # of the bend in a row's time: so straight must it be
 _PEAK_APART: Final = 1.0e-3  # of a row's time: a turn nearer to its row is there
 
@@ -93,11 +93,10 @@ class ForcePath:
     peaks_s: FloatArray = field(default_factory=lambda: np.empty(0))
     peaks_n: FloatArray = field(default_factory=lambda: np.empty(0))
 
-    def at(self, when_s: FloatArray, time_s: FloatArray) -> FloatArray:
-        """Return the force at any times, N: straight between the rows at ``time_s``, shape (n,), and the peaks."""
+    def knots(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and forces, N, between which it is straight: those of the rows, shape (n,), and peaks."""
         place = np.searchsorted(time_s, self.peaks_s)
-        known_s, known_n = np.insert(time_s, place, self.peaks_s), np.insert(self.force_n, place, self.peaks_n)
-        return np.interp(when_s, known_s, known_n)
+        return np.insert(time_s, place, self.peaks_s), np.insert(self.force_n, place, self.peaks_n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -168,14 +167,17 @@ def _with_peaks(time_s: FloatArray, path: ForcePath) -> ForcePath:
     Straight from row to row the force would miss the tip of a triangle: in rows of 20 ms by more than some valves'
     friction varies.
     """
-    corners_s, peaks_s, peaks_n = path.corners_s.copy(), [], []
+    corners_s = path.corners_s.copy()
+    peaks_s: list[float] = []
+    peaks_n: list[float] = []
     for number, row in enumerate(np.searchsorted(time_s, path.corners_s).tolist()):
         peak = _peak(time_s, path.force_n, _tip(time_s, path.force_n, row))
-        if peak is not None:
+        # turns so near to each other that they share a tip have one peak
+        if peak is not None and (not peaks_s or peak[0] > peaks_s[-1]):
             corners_s[number] = peak[0]
             peaks_s.append(peak[0])
             peaks_n.append(peak[1])
-    return replace(path, corners_s=corners_s, peaks_s=np.array(peaks_s), peaks_n=np.array(peaks_n))
+    return replace(path, corners_s=np.sort(corners_s), peaks_s=np.array(peaks_s), peaks_n=np.array(peaks_n))
 
 
 def _tip(time_s: FloatArray, force_n: FloatArray, row: int) -> int:
@@ -190,16 +192,15 @@ def _tip(time_s: FloatArray, force_n: FloatArray, row: int) -> int:
 def _peak(time_s: FloatArray, force_n: FloatArray, row: int) -> tuple[float, float] | None:
     """Instant, s, and force, N, at which the lines before and after a turn meet near its row; None if they do not."""
     # the turn may lie on either side of its row
-    before, after = slice(row - 1 - _PEAK_ROWS, row), slice(row + 1, row + 2 + _PEAK_ROWS)
+    before, after = slice(row - _PEAK_ROWS, row), slice(row + 1, row + 1 + _PEAK_ROWS)
     if before.start < 0 or after.stop > time_s.size:
         return None
     lines, left = [], 0.0
     for side, near in ((before, -1), (after, 0)):
         at_s, values = time_s[side] - time_s[row], force_n[side]
         slope, level = np.polyfit(at_s, values, 1)
-        left = max(
-            left, float(np.abs(values - level - slope * at_s)[near]), float(np.std(values - level - slope * at_s))
-        )
+        off = values - level - slope * at_s
+        left = max(left, float(np.abs(off[near])), float(np.std(off)))
         lines.append((float(slope), float(level)))
     (rising, at_row), (falling, level) = lines
     bend = rising - falling

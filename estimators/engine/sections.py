@@ -80,9 +80,10 @@ def sections_of(reading: Reading, lag: Known) -> Sections:
     """Return the sections of a reading; moves that begin without a rest are left out."""
     moves = [move for move in reading.segmentation.breakaways if move.last - move.first >= 3]
     near_s = _NEAR_S + _NEAR_LAGS * max(lag.value, reading.path.lag_s)
+    knots = reading.path.knots(reading.time_s)
     made = []
     for move in moves:
-        one = _section(reading, move, near_s)
+        one = _section(reading, move, near_s, knots)
         if one is not None:
             made.append(one)
     lengths = np.unique(np.concatenate([np.diff(one.time_s) for one in made])) if made else np.empty(0)
@@ -95,7 +96,7 @@ def sections_of(reading: Reading, lag: Known) -> Sections:
     return Sections(tuple(numbered), lengths * _ROUNDED_S)
 
 
-def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
+def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArray, FloatArray]) -> Section | None:
     time_s, position_m, path = reading.time_s, reading.position_m, reading.path
     rest = reading.segmentation.rests[move.rest]
     last = move.last
@@ -130,11 +131,11 @@ def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
         return None  # hardly anything of the motion is left
     free_s = _free_from(move, corners_s, float(time_s[move.last]), stops)
     step_s = max(2.0 * reading.samples.period_s, 0.01)
-    force_n = path.at(nodes_s, time_s)
+    force_n = np.interp(nodes_s, *knots)
     # not across a gap
     first_s, last_s = time_s[reading.samples.run_first[at[0]]], time_s[reading.samples.run_last[at[0]]]
     later_s, sooner_s = np.minimum(nodes_s + step_s, last_s), np.maximum(nodes_s - step_s, first_s)
-    later, sooner = path.at(later_s, time_s), path.at(sooner_s, time_s)
+    later, sooner = np.interp(later_s, *knots), np.interp(sooner_s, *knots)
     return Section(
         direction=move.direction,
         began_s=move.began_s,

@@ -17,7 +17,7 @@ from service.health.wander import scatter_between
 from service.model.health_figures import FIGURE_KINDS, Figures
 from service.words.sentences import as_heading
 from service.words.units import measured_said, quantity_said
-from valve.messages import say
+from valve.messages import Value, say
 
 _DAY_S: Final = 86400.0
 #: Shares of the allowed change that a line has used before a night is told, and before it is a reason for M: a wander
@@ -123,26 +123,24 @@ def told_steps(steps: Sequence[StepFound], trends: Sequence[TrendFound], changes
         if step.before != 0.0:
             share = 100.0 * abs(step.change / step.before)
             moved = say("moved_by_share", "{moved} ({share:.3g} %)", moved=moved, share=share)
-        figure, limit = as_heading(kind.words), quantity_said(one.limit, kind.unit, 3)
+        quantities: dict[str, Value] = {
+            "figure": as_heading(kind.words),
+            "day": f"{step.since:%Y-%m-%d}",
+            "tests": step.tests,
+            "moved": moved,
+            "limit": quantity_said(one.limit, kind.unit, 3),
+        }
         if step.change > 0.0:
             yield say(
                 "step_up",
                 "{figure}: since {day}, over {tests} tests, {moved} higher than before; {limit} above the baseline "
                 "is allowed.",
-                figure=figure,
-                day=f"{step.since:%Y-%m-%d}",
-                tests=step.tests,
-                moved=moved,
-                limit=limit,
+                **quantities,
             )
         else:
             yield say(
                 "step_down",
                 "{figure}: since {day}, over {tests} tests, {moved} lower than before; {limit} below the baseline "
                 "is allowed.",
-                figure=figure,
-                day=f"{step.since:%Y-%m-%d}",
-                tests=step.tests,
-                moved=moved,
-                limit=limit,
+                **quantities,
             )
