@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from estimators.base import student_95
 from service.health.trend import MOST_TESTS
@@ -73,7 +73,7 @@ def steps_of(days: FloatArray, values: FloatArray, least: FloatArray) -> Steps:
     count, figures = values.shape
     found = np.zeros((4, figures))
     surest = np.ones(figures)
-    quantile = float(stats.t.isf(_BY_CHANCE / 2.0, max(count - 2, 1)))
+    quantile = float(stdtrit(max(count - 2, 1), 1.0 - _BY_CHANCE / 2.0))
     for tests in range(_LEAST_SINCE, min(_MOST_SINCE, count - _LEAST_BEFORE) + 1):
         since = np.arange(count) >= count - tests
         former = _drawn_near(values[:-tests], values)
