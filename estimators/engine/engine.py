@@ -286,7 +286,7 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
         parameters["DV"] = absent(_NO_LIMIT)
     if "F_s" not in parameters:
         parameters["F_s"] = absent(_without_motion(basis) if basis.yields_m else _FEW_BREAKAWAYS)
-    hidden = _hidden_jumps(reading, quantities)
+    hidden = hidden_jumps(reading.segmentation.band_m, quantities)
     if hidden and parameters.get("F_c") is not None and parameters["F_c"].value is not None:
         parameters["F_c"] = replace(parameters["F_c"], note=hidden)
     parameters = in_order(parameters)
@@ -323,15 +323,20 @@ def _without_motion(basis: Basis) -> str:
     return _LEAPS if basis.leaps else _NO_MOTION
 
 
-def _hidden_jumps(reading: Reading, quantities: dict[str, Quantity]) -> str:
-    """What is said where the noise hides the jumps that the stem may make."""
-    band_m, spring = reading.segmentation.band_m, quantities.get("k")
+def hidden_jumps(band_m: float, quantities: Mapping[str, Quantity]) -> str:
+    """Return what is said where the noise hides the jumps that the stem may make, "" where a jump is proven.
+
+    ``band_m`` (m) is what the noise hides; k in N/m, F_c and F_s in N. A jump is proven that is longer than 1.5 bands
+    by more than its own 95 % interval.
+    """
+    spring = quantities.get("k")
     static, coulomb = quantities.get("F_s"), quantities.get("F_c")
     if spring is None or coulomb is None or spring.value <= 0.0:
         return ""
-    jump_m = math.inf if static is None else (static.value - coulomb.value) / spring.value
-    if static is not None and jump_m > _HIDDEN_BANDS * band_m:
-        return ""
+    if static is not None:
+        unsure_n = NORMAL_95 * math.hypot(static.std_error, coulomb.std_error)
+        if static.value - coulomb.value - unsure_n > _HIDDEN_BANDS * band_m * spring.value:
+            return ""
     return say(
         "jumps_hidden",
         "Jumps of less than {band:.2g mm} cannot be told from sliding in this noise: if the stem makes them, F_c is an "

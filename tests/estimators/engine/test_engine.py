@@ -10,13 +10,15 @@ import pytest
 
 from estimators.base import Estimate, Status
 from estimators.engine.balance import balance, driven_blocks
-from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.dynamic import Quantity
+from estimators.engine.engine import RoughFrictionEstimator, hidden_jumps
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from tests.support.published_recordings import Recorded, recorded
 from tests.support.rough_valves import RoughCase, case
 from valve.effects.supply_saturation import SupplySaturation
+from valve.messages import Message
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
 from valve.parameter_sets import parameter_set
@@ -98,6 +100,27 @@ def test_a_damped_stem_that_stops_at_once_shows_its_lag_by_how_it_starts() -> No
     # the paper's triangle drives the graphite valve at 1.08 times its limit velocity: after a corner it rests at once
     test = recorded("graphite", noise_m=2.0e-5)
     _assert_right(test, {"F_c": 0.02, "F_s": 0.02, "k": 0.002, "DV": 0.05})
+
+
+@pytest.mark.parametrize(("static_n", "unsure_n", "is_told"), [(1151.0, 30.0, True), (1151.0, 1.0, False)])
+def test_a_jump_that_may_as_well_be_none_leaves_an_effective_friction(
+    static_n: float, unsure_n: float, is_told: bool
+) -> None:
+    # driven at 0.86 times its limit velocity a graphite valve hops by less than rows of 10 ms and 20 um show: what
+    # resists is 40 % above F_c, and F_s beside it makes a jump of 0.23 mm that is as unsure as it is large
+    known = {"k": (2.57e5, 1.0e3), "F_c": (1093.0, 2.0), "F_s": (static_n, unsure_n)}
+    quantities = {
+        symbol: Quantity(value, error, (value - 2.0 * error, value + 2.0 * error))
+        for symbol, (value, error) in known.items()
+    }
+
+    told = hidden_jumps(1.375e-4, quantities)
+    assert (isinstance(told, Message) and told.code == "jumps_hidden") is is_told
+
+
+def test_a_valve_whose_jumps_are_seen_has_no_effective_friction() -> None:
+    _, estimate = _usual("nominal", "multi_rate")
+    assert not estimate.parameters["F_c"].note
 
 
 @pytest.mark.long
