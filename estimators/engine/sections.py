@@ -29,6 +29,8 @@ _GROWTH: Final = 0.06
 _LONGEST_BLOCK_S: Final = 0.03
 _NODE_S: Final = 0.004  # between two nodes at most, where the stem may accelerate
 _NEAR_LAGS: Final = 5.0
+_MOST_SECTIONS: Final = 160  # each has its own instant and level to be fitted
+_IN_A_RUN: Final = 8  # neighbours: every other one may be of the other direction
 _NEAR_S: Final = 0.1
 _SLOW_NODE_S: Final = 0.03
 _AFTER_STOP_S: Final = 0.06
@@ -78,7 +80,7 @@ class Sections:
 
 def sections_of(reading: Reading, lag: Known) -> Sections:
     """Return the sections of a reading; moves that begin without a rest are left out."""
-    moves = [move for move in reading.segmentation.breakaways if move.last - move.first >= 3]
+    moves = _followed([move for move in reading.segmentation.breakaways if move.last - move.first >= 3])
     near_s = _NEAR_S + _NEAR_LAGS * max(lag.value, reading.path.lag_s)
     knots = reading.path.knots(reading.time_s)
     made = []
@@ -94,6 +96,17 @@ def sections_of(reading: Reading, lag: Known) -> Sections:
         step = np.concatenate([[0], np.searchsorted(lengths, steps)]).astype(np.int64)
         numbered.append(replace(one, step=step))
     return Sections(tuple(numbered), lengths * _ROUNDED_S)
+
+
+def _followed(moves: list[Move]) -> list[Move]:
+    """The moves that are followed: of a stem that slips hundreds of times the farthest, and runs all over the test."""
+    if len(moves) <= _MOST_SECTIONS:
+        return moves
+    chosen = set(np.argsort([-abs(move.distance_m) for move in moves], kind="stable")[: _MOST_SECTIONS // 4].tolist())
+    runs = 3 * _MOST_SECTIONS // (4 * _IN_A_RUN)
+    for first in np.linspace(0, len(moves) - _IN_A_RUN, runs).astype(np.int64).tolist():
+        chosen.update(range(first, first + _IN_A_RUN))
+    return [moves[at] for at in sorted(chosen)]
 
 
 def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArray, FloatArray]) -> Section | None:

@@ -29,6 +29,8 @@ _WIDER_THAN_QUIET: Final = 1.7
 _DRIVEN: Final = 3.0  # times the band that a sliding stem would have gone while a resting one stays within it
 _HALT_DRIVEN: Final = 6.0  # the same between two moves of one direction: friction along the travel slows a stem, too
 _HALT_S: Final = 0.04  # and the least time: the tail of a sensor's filter looks like a rest before the rest
+_STANDS: Final = 0.1  # of the way that it is driven, from the first third of a halt to its last
+_AGAIN: Final = 5  # halts in a row, between which the stem only went on
 _DWELL_S: Final = 0.25  # with a force that does not change a stem that stays in the band so long is at rest
 _SAME_LEVEL: Final = 0.6  # of the band: rests that near to each other with nothing between are one
 _FEWEST_ROWS: Final = 3
@@ -185,21 +187,36 @@ def segment(
 
 
 def _halts(track: _Track, rests: list[Rest], moves: list[Move]) -> set[int]:
-    """Numbers of the rests between two moves of one direction that may be a slower part of one motion."""
+    """Numbers of the rests between two moves of one direction that may be a slower part of one motion.
+
+    One in which the stem stands is none if it is long, or one of many in a row: a stem that slips.
+    """
     before = {move.next_rest: move for move in moves if move.next_rest >= 0}
     after = {move.rest: move for move in moves if move.rest >= 0}
-    driven_m, time_s = track.driven_m, track.time_s
-    return {
-        number
-        for number, rest in enumerate(rests)
-        if number in before
-        and number in after
-        and before[number].direction == after[number].direction
-        and (
-            driven_m[rest.last] - driven_m[rest.first] < _HALT_DRIVEN * track.band_m
-            or time_s[rest.last] - time_s[rest.first] < _HALT_S
-        )
-    }
+    between = [
+        number in before and number in after and before[number].direction == after[number].direction
+        for number in range(len(rests))
+    ]
+    standing = [one and _stands(track, rest) for one, rest in zip(between, rests, strict=True)]
+    in_a_row = 0
+    doubtful = set[int]()
+    for number, rest in enumerate(rests):
+        in_a_row = in_a_row + 1 if standing[number] else 0
+        is_long = track.time_s[rest.last] - track.time_s[rest.first] >= _HALT_S
+        driven_m = track.driven_m[rest.last] - track.driven_m[rest.first]
+        if between[number] and not (is_long and (standing[number] or driven_m >= _HALT_DRIVEN * track.band_m)):
+            doubtful.add(number)
+        if in_a_row >= _AGAIN:
+            doubtful.difference_update(range(number - in_a_row + 1, number + 1))
+    return doubtful
+
+
+def _stands(track: _Track, rest: Rest) -> bool:
+    """Whether a stem that is driven on goes by hardly any of it: roughness slows one, and hardly ever stops it."""
+    driven_m = float(track.driven_m[rest.last] - track.driven_m[rest.first])
+    values = track.position_m[rest.first : rest.last + 1]
+    error_m = track.noise_m * math.sqrt(6.0 / values.size)  # of the difference between two thirds
+    return _drift(values) + 2.0 * error_m < _STANDS * driven_m
 
 
 def _driven(
