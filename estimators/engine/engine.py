@@ -26,6 +26,7 @@ from estimators.engine.basis import Basis, of_slides, of_steps
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.commanded import is_commanded, with_gauged_path
 from estimators.engine.dynamic import Dynamic, Quantity, dynamic, latent_friction
+from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
 from estimators.engine.segmentation import moving_mean
@@ -109,7 +110,7 @@ class RoughFrictionEstimator:
         if isinstance(basis, Outcome):
             return failed(METHOD, basis)
         reading, found, static = basis.reading, basis.found, basis.static
-        if any(found.known(symbol).value < 0.0 for symbol in ("k", "F_c") if symbol in found.symbols):
+        if any(_surely_negative(found.known(symbol)) for symbol in ("k", "F_c") if symbol in found.symbols):
             return failed(METHOD, Outcome.UNPHYSICAL)
         whole = None
         if static is not None and not basis.leaps and not basis.yields_m:
@@ -128,6 +129,11 @@ class RoughFrictionEstimator:
                 said.insert(0, Outcome.STOP_INSIDE_SWEEP.message)
         estimate = _concluded(basis, whole, said)
         return _at_one_speed(estimate, drive) if drive is not None else estimate
+
+
+def _surely_negative(known: Known) -> bool:
+    """Whether not even a valve of no friction, or no spring, would show this."""
+    return known.value + NORMAL_95 * known.std_error < 0.0
 
 
 def _disagree(found: Balance, whole: Dynamic) -> bool:

@@ -9,8 +9,8 @@ import numpy as np
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set
-from valve.parameters import TravelStops, ValveParameters
-from valve.recording import Recording
+from valve.parameters import TravelStops, ValveParameters, parameters_from_symbols
+from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import FloatArray, Waveform, triangle
 
 PAPER_VALVES = ("vendor", "nominal", "rough")
@@ -77,3 +77,19 @@ def followed(
 ) -> FloatArray:
     """Exact position at these times, m."""
     return simulate_motion(truth, wave.time_s, area_m2 * wave.pressure_pa, time_s, stops=stops).position_m
+
+
+def stroked(symbols: dict[str, float], *, noise_m: float, period_s: float = 1.0e-2, cycles: int = 2) -> Recorded:
+    """Record a valve of these parameters, in SI, in the place of the nominal one; F_0 is 0. 20 s a cycle."""
+    chosen = parameter_set("nominal")
+    area_m2, signal = chosen.nameplate.actuator.diaphragm_area_m2, chosen.nameplate.signal
+    assert area_m2 is not None
+    assert signal is not None
+    truth = parameters_from_symbols({**symbols, "F_0": 0.0})
+    time_s = np.arange(round(20.0 * cycles / period_s), dtype=np.float64) * period_s
+    wave = triangle(20.0, cycles, *signal.range_pa)
+    noise = noise_m * np.random.default_rng(1).standard_normal(time_s.size)
+    position_m = followed(truth, wave, area_m2, time_s, None) + noise
+    at_once = Provenance(Acquisition.CAPTURED, requested_period_s=period_s)
+    recording = Recording(time_s, position_m, pressure_pa=wave.at(time_s), provenance=at_once)
+    return Recorded(recording, chosen.nameplate, truth)

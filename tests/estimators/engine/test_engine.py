@@ -10,12 +10,14 @@ import pytest
 
 from estimators.base import Estimate, Status
 from estimators.engine.balance import balance, driven_blocks
+from estimators.engine.basis import Basis, of_slides
 from estimators.engine.dynamic import Quantity
 from estimators.engine.engine import RoughFrictionEstimator, hidden_jumps
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from tests.support.published_recordings import Recorded, recorded
+from tests.support.random_valves import random_test
 from tests.support.rough_valves import RoughCase, case
 from valve.effects.supply_saturation import SupplySaturation
 from valve.messages import Message
@@ -121,6 +123,19 @@ def test_a_jump_that_may_as_well_be_none_leaves_an_effective_friction(
 def test_a_valve_whose_jumps_are_seen_has_no_effective_friction() -> None:
     _, estimate = _usual("nominal", "multi_rate")
     assert not estimate.parameters["F_c"].note
+
+
+def test_a_friction_that_its_balance_has_below_zero_within_its_error_is_no_wrong_sign() -> None:
+    # 0.7 % of the force, behind a stem's lag that the balance knows to +-50 %: it was told to check signs and units
+    made = random_test(2061)
+    test = Recorded(made.recording, made.nameplate, made.truth)
+    reading = read(measured_rows(test.recording).recording, test.nameplate)
+    assert isinstance(reading, Reading)
+    basis = of_slides(reading)
+    assert isinstance(basis, Basis)
+    assert basis.found.known("F_c").value < 0.0
+
+    _assert_right(test, {"k": 0.001, "F_c": 0.05, "F_v": 0.02})
 
 
 @pytest.mark.long

@@ -7,13 +7,8 @@ import pytest
 
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import Reading, read
-from tests.bench.benchmarks.efficiency import taken_at_once
-from tests.support.published_recordings import Recorded, followed
+from tests.support.published_recordings import stroked
 from tests.support.rough_valves import RoughCase, case
-from valve.parameter_sets import parameter_set
-from valve.parameters import parameters_from_symbols
-from valve.recording import Recording
-from valve.waveform import triangle
 
 _NEAR_S = 0.06  # an instant that far from a true one is another
 
@@ -80,26 +75,9 @@ def test_what_sets_off_on_a_fast_ramp_is_no_second_rest(seed: int) -> None:
         assert reading.time_s[rests[move.rest].first] < true_s
 
 
-def _slipping() -> Recorded:
-    """A light stem with a stiff spring on a slow triangle: it slips by 0.75 mm again and again, polled at 100 Hz."""
-    chosen = parameter_set("nominal")
-    area_m2, signal = chosen.nameplate.actuator.diaphragm_area_m2, chosen.nameplate.signal
-    assert area_m2 is not None
-    assert signal is not None
-    truth = parameters_from_symbols(
-        {"m": 7.1, "k": 1.58e5, "F_v": 790.0, "F_c": 318.0, "F_s": 404.0, "DV": 3.7e-5, "F_0": 0.0}
-    )
-    time_s = 0.01 * np.arange(4000.0)
-    wave = triangle(20.0, 2, *signal.range_pa)
-    noise_m = 1.5e-5 * np.random.default_rng(1).standard_normal(time_s.size)
-    position_m = followed(truth, wave, area_m2, time_s, None) + noise_m
-    recording = Recording(time_s, position_m, pressure_pa=wave.at(time_s), provenance=taken_at_once(0.01))
-    return Recorded(recording, chosen.nameplate, truth)
-
-
 def test_a_stem_that_slips_again_and_again_is_not_taken_for_one_that_slides() -> None:
     # the rests are a few times as long as what noise hides: F_c came out 9 % too large, with an interval of 1 %
-    test = _slipping()
+    test = stroked({"m": 7.1, "k": 1.58e5, "F_v": 790.0, "F_c": 318.0, "F_s": 404.0, "DV": 3.7e-5}, noise_m=1.5e-5)
     reading = read(test.recording, test.nameplate)
     assert isinstance(reading, Reading)
     assert len(reading.segmentation.breakaways) > 100
