@@ -28,6 +28,8 @@ _ALONE_S: Final = 0.015  # after an event, whose instant is not known better
 _GROWTH: Final = 0.06
 _LONGEST_BLOCK_S: Final = 0.03
 _NODE_S: Final = 0.004  # between two nodes at most, where the stem may accelerate
+_QUICK_SLIP_S: Final = 0.03
+_NODES_A_SLIP: Final = 14.0
 _NEAR_LAGS: Final = 5.0
 _MOST_SECTIONS: Final = 160  # each has its own instant and level to be fitted
 _IN_A_RUN: Final = 8  # neighbours: every other one may be of the other direction
@@ -122,9 +124,10 @@ def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArra
         after = reading.segmentation.rests[move.next_rest]
         last = min(after.last - 1, int(np.searchsorted(time_s, time_s[after.first] + _AFTER_STOP_S)))
         arrived_s = [float(time_s[after.first])]
-    elif not at_stop and _turns_at_once(reading, move):
-        # it rested too shortly to be seen, and may be on its way back in the row of the turn
-        stops, last = True, last - 1
+    elif not at_stop:
+        # it may have come to rest too shortly before it turned, or the recording ended, for that to be seen; in the
+        # row of the turn it may be on its way back
+        stops, last = True, last - 1 if _turns_at_once(reading, move) else last
     corners_s = path.corners_s[(path.corners_s > move.began_s) & (path.corners_s < time_s[last])]
     first = max(rest.first + 1, int(np.searchsorted(time_s, move.began_s - _BEFORE_S)))
     if last - first < 4:
@@ -139,7 +142,8 @@ def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArra
     lattice_s = _ROUNDED_S if reading.is_even else min(_LATTICE_S, _LATTICE_SHARE * reading.samples.period_s)
     block_s = _on_lattice(mean_s, lattice_s)
     measured_m = measured_m + np.gradient(measured_m, mean_s) * (block_s - mean_s)
-    nodes_s = _nodes(block_s, events_s, near_s, lattice_s)
+    slip_s = arrived_s[0] - move.began_s if arrived_s else math.inf
+    nodes_s = _nodes(block_s, events_s, near_s, lattice_s, slip_s)
     if nodes_s.size < 4 or move.began_s >= nodes_s[-3]:
         return None  # hardly anything of the motion is left
     free_s = _free_from(move, corners_s, float(time_s[move.last]), stops)
@@ -207,13 +211,19 @@ def _blocks(time_s: FloatArray, events_s: FloatArray) -> IntArray:
     return np.array(firsts, dtype=np.int64)
 
 
-def _nodes(block_s: FloatArray, events_s: FloatArray, near_s: float, lattice_s: float) -> FloatArray:
-    """Times of the rows with others between them, so that no step is long where the stem accelerates."""
+def _nodes(block_s: FloatArray, events_s: FloatArray, near_s: float, lattice_s: float, slip_s: float) -> FloatArray:
+    """Times of the rows with others between them, so that no step is long where the stem accelerates.
+
+    ``slip_s`` is how long the stem slips from rest to rest: a quick slip has its own, and some before and after it, as
+    its instants are not known better.
+    """
     # a corner of the force is a node: a step's force is straight
     parts = [block_s, events_s[1:][(events_s[1:] > block_s[0]) & (events_s[1:] < block_s[-1])]]
     for left_s, right_s in pairwise(block_s.tolist()):
         near = bool(((left_s - events_s < near_s) & (right_s - events_s > -_BEFORE_S)).any())
-        count = math.ceil((right_s - left_s) / (_NODE_S if near else _SLOW_NODE_S) - 1.0e-9)
+        quick = slip_s < _QUICK_SLIP_S and -slip_s < left_s - events_s[0] < 3.0 * slip_s
+        step_s = max(slip_s / _NODES_A_SLIP, lattice_s) if quick else _NODE_S if near else _SLOW_NODE_S
+        count = math.ceil((right_s - left_s) / step_s - 1.0e-9)
         if count > 1:
             parts.append(left_s + (right_s - left_s) * np.arange(1, count) / count)
     return np.unique(_on_lattice(np.concatenate(parts), lattice_s))
