@@ -225,6 +225,7 @@ class MotionLimits:
     A waveform that is steeper than the rate is refused, steps included unless ``steps_allowed``. ``band_m``: how far
     the stem may leave where it stood before the test. ``breakaway_pa``: the change of pressure within which a healthy
     stem moves; by default 0.95 of the limits' span, which even a stem with 90 % of dead band does.
+    ``end_out_of_family``: a polled test ends, by its usual ramp, at a breakaway that takes twice the last one's force.
     """
 
     pressure_pa: tuple[float, float]
@@ -234,6 +235,7 @@ class MotionLimits:
     position_m: tuple[float, float] | None = None
     band_m: float | None = None
     breakaway_pa: float | None = None
+    end_out_of_family: bool = False
 
     def __post_init__(self) -> None:
         faults = [

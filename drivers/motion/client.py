@@ -194,9 +194,9 @@ class MotionClient:
         self._stops[run_id] = reason
         self._say("stop", run_id=run_id, reason=reason)
 
-    def end_early(self, run_id: str) -> None:
-        """Let a motion that may end early end as its waveform would."""
-        self._say("end_early", run_id=run_id)
+    def end_early(self, run_id: str, because: Mapping[str, float] | None = None) -> None:
+        """Let a motion that may end early end as its waveform would; its end has the reason, numbers by name."""
+        self._say("end_early", run_id=run_id, because=because)
 
     async def left(self) -> tuple[Left, ...]:
         """Return the motions that go on, and those whose end was not fetched; without a motion process these alone.

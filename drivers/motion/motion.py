@@ -235,10 +235,11 @@ class Motion:
         while len(self._stopped_before) > _REMEMBERED:
             self._stopped_before.popitem(last=False)
 
-    def end_early(self, run_id: str) -> None:
-        """Let a motion that may end early end as its waveform would."""
+    def end_early(self, run_id: str, because: Mapping[str, float] | None = None) -> None:
+        """Let a motion that may end early end as its waveform would; the first reason counts."""
         carried = self._carried.get(run_id)
-        if carried is not None and carried.enough is not None:
+        if carried is not None and carried.enough is not None and not carried.enough.is_set():
+            carried.early = because
             carried.enough.set()
 
     async def left(self) -> tuple[Left, ...]:
@@ -359,6 +360,7 @@ class _Carried:
         self.order = order
         self.wiring = wiring
         self.enough = asyncio.Event() if order.may_end_early else None
+        self.early: Mapping[str, float] | None = None  # why it is to end early, where that was said
         self._rig = rig
         self._spool = spool
         self._audit = audit
@@ -453,7 +455,9 @@ class _Carried:
     async def _ended(self, outcome: PlayOutcome) -> MotionEnd:
         unwritten = await self._end_in_audit(outcome)
         faults = tuple(text for text in (self._disk_error, unwritten) if text)
-        end = MotionEnd(outcome, self._entry_pa, faults, self._stopped if outcome.ended is Ended.STOPPED else "")
+        stopped = self._stopped if outcome.ended is Ended.STOPPED else ""
+        early = None if outcome.ended_early_s is None else self.early
+        end = MotionEnd(outcome, self._entry_pa, faults, stopped, early)
         try:
             await asyncio.to_thread(self._spool.write, self.order, end)
         except OSError as error:  # what was sampled stands in the journal, and whoever waits hears it all the same
@@ -557,7 +561,11 @@ class _Carried:
     async def _end_in_audit(self, outcome: PlayOutcome) -> str:
         """Write how the motion ended; return why that could not be written."""
         details = {"ended": outcome.ended.value, "safe_confirmed": outcome.safe_confirmed, "writes": outcome.writes}
-        early = {} if outcome.ended_early_s is None else {"ended_early_s": round(outcome.ended_early_s, 3)}
+        early: dict[str, Any] = {}
+        if outcome.ended_early_s is not None:
+            early["ended_early_s"] = round(outcome.ended_early_s, 3)
+            if self.early is not None:
+                early["out_of_family"] = dict(self.early)
         reason = {} if outcome.error is None else {"error": str(outcome.error)}
         if self._stopped:
             reason["stopped"] = self._stopped

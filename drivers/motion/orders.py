@@ -79,12 +79,14 @@ class Heard:
 class MotionEnd:
     """How a motion ended. ``faults`` are why its samples or its end could not be written, ``stopped`` why it was
     stopped, "" where it was not; ``entry_pa`` is what the device commanded before it, Pa, None where unknown.
+    ``early`` is what whoever had it end early gave as the reason; None where nobody did, or gave one.
     """
 
     outcome: PlayOutcome
     entry_pa: float | None = None
     faults: tuple[str, ...] = ()
     stopped: str = ""
+    early: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +147,8 @@ class MotionLink(Locks, Protocol):
     def stop(self, run_id: str, reason: str) -> None:
         """Send a valve to its safe value at once; nothing happens where its motion has ended."""
 
-    def end_early(self, run_id: str) -> None:
-        """Let a motion that may end early end as its waveform would."""
+    def end_early(self, run_id: str, because: Mapping[str, float] | None = None) -> None:
+        """Let a motion that may end early end as its waveform would; its end has the reason, numbers by name."""
 
     async def left(self) -> tuple[Left, ...]:
         """Return the motions that go on, and those whose end was not fetched."""

@@ -88,7 +88,7 @@ class MotionServer:
         if name == "stop":
             self.motion.stop(said["run_id"], said["reason"])
         elif client is self._owner and name == "end_early":
-            self.motion.end_early(said["run_id"])
+            self.motion.end_early(said["run_id"], said.get("because"))
         elif client is self._owner and name == "forget":
             self.motion.forget(said["run_id"])
         elif client is self._owner and name == "give_back":

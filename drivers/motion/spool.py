@@ -132,6 +132,7 @@ def end_to_json(end: MotionEnd) -> dict[str, Any]:
         "entry_pa": end.entry_pa,
         "faults": list(end.faults),
         "stopped": end.stopped,
+        "early": None if end.early is None else dict(end.early),
     }
 
 
@@ -145,4 +146,4 @@ def end_of_json(said: dict[str, Any], recording: Recording | None) -> MotionEnd:
         stands=None if said["stands"] is None else of_json(StandsAt, said["stands"]),
         **{name: said[name] for name in _OUTCOME},
     )
-    return MotionEnd(outcome, said["entry_pa"], tuple(said["faults"]), said["stopped"])
+    return MotionEnd(outcome, said["entry_pa"], tuple(said["faults"]), said["stopped"], said.get("early"))

@@ -14,6 +14,7 @@ from drivers.register_map import RegisterMap
 from drivers.representable import misfits, waveform_misfit
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, Signal, Wired, make_bus, wire
+from service.config.family_rule import check_family_rule
 from service.config.maps import without_wrong
 from service.config.permissives import check_permissives
 from service.model.sequences import build_waveform
@@ -82,12 +83,14 @@ def check_wiring(
             )
         wiring = valve.wiring
         if wiring is None or not is_placed or not _buses_of(wiring) <= unopened.keys():
+            check_family_rule(findings, valve, None)
             continue  # what is left is for the drivers to find
         try:
             wired[valve.tag] = wire(wiring, unopened)
         except ConfigurationError as error:
             findings.add_error(valve.key, error)
             continue
+        check_family_rule(findings, valve, wired[valve.tag])
         for misfit in misfits(wiring, wired[valve.tag]):
             findings.add((*valve.key, *misfit.key), misfit.value, misfit.reason, misfit.remedy)
         if valve.nameplate is not None:

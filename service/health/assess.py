@@ -10,6 +10,7 @@ from service.health.acceptance import checks_of, is_known, remark, unmet
 from service.health.changes import Change, changes_between
 from service.health.forecast import forecasts, scatter_of, steps_of, told_steps, trends_of
 from service.health.results import Case, Check, Finding, Health, Ne107
+from service.model.family_rule import event_words
 from service.model.health_figures import Figures, figures_of, widened
 from service.model.past_test import Baseline
 from service.words.sentences import as_heading
@@ -76,6 +77,15 @@ def _by_itself(case: Case, now: Figures, checks: tuple[Check, ...]) -> Iterator[
     if stuck is not None:
         yield stuck
         return
+    if case.out_of_family is not None:
+        yield Finding(
+            Ne107.MAINTENANCE,
+            say(
+                "test_cut_out_of_family",
+                "The test ended early: {event}. Look at the packing and the guide, then repeat the test.",
+                event=event_words(case.out_of_family),
+            ),
+        )
     yield from unmet(checks, case)
     yield from _of_causes(case)
     yield from _no_friction(case.analysis, now)

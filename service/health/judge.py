@@ -9,6 +9,7 @@ from service.config.settings import PlantValve
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case
+from service.model.family_rule import event_of_early
 from service.model.run import Run
 from service.store.figure_table import FigureTable, conditions_of
 
@@ -30,6 +31,7 @@ def health_of(figures: FigureTable, valve: PlantValve, run: Run, analysis: Mappi
         None if baseline is None or baseline.test.test_id == run.id else baseline,
         tuple(since),
         is_full_stroke=not _NARROWING & run.overrides.keys(),
+        out_of_family=event_of_early(run.ended_early),
     )
     return assess(case).to_json()
 

@@ -178,7 +178,8 @@ class Case:
     """A result with all that it is judged against.
 
     ``history`` are earlier tests of the same motion since the baseline, oldest first; ``is_full_stroke`` says that
-    nobody narrowed the motion, so that a stem which hardly moves is a failure.
+    nobody narrowed the motion, so that a stem which hardly moves is a failure. ``out_of_family`` is the breakaway that
+    ended the test (``service.model.family_rule``).
     """
 
     analysis: Mapping[str, Any]
@@ -188,6 +189,7 @@ class Case:
     baseline: Baseline | None = None
     history: tuple[PastTest, ...] = ()
     is_full_stroke: bool = True
+    out_of_family: Mapping[str, Any] | None = None
 
     @property
     def is_chosen(self) -> bool:

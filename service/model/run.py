@@ -92,7 +92,10 @@ class Run:
 
     @property
     def ended_early(self) -> Mapping[str, Any] | None:
-        """What the test knew when it ended before its sequence did, and the time that saved, s; None otherwise."""
+        """Why the test ended before its sequence did, and the time that saved, s; None where it did not.
+
+        What it knew stands under ``until``, a breakaway out of its family under ``out_of_family``.
+        """
         return (self.quality or {}).get(ENDED_EARLY_KEY)
 
     @property

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from drivers.addresses import Mode
+from service.model.family_rule import event_of_early, event_words
 from valve.errors import RequestError
 from valve.messages import joined, say
 
@@ -153,7 +154,18 @@ def is_met(until: Mapping[str, float], estimate: Mapping[str, Any]) -> bool:
 
 
 def early_words(until: Mapping[str, str] | None, ended_early: Mapping[str, Any] | None) -> str:
-    """Return how a test ended that was to end once it knew enough, as a sentence; "" of any other test."""
+    """Return how a test ended that was to end once it knew enough, or ended out of its family, as a sentence.
+
+    "" of any other test.
+    """
+    event = event_of_early(ended_early)
+    if ended_early is not None and event is not None:
+        return say(
+            "ended_out_of_family",
+            "The test ended early by its limits: {event}. {saved:.0f s} were not played.",
+            event=event_words(event),
+            saved=float(ended_early["saved_s"]),
+        )
     if until is None:
         return ""
     asked = _asked({symbol: str(percent) for symbol, percent in until.items()})

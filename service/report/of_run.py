@@ -10,6 +10,7 @@ from service.config.settings import Plant, PlantValve
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words
+from service.model.family_rule import event_of_early
 from service.model.requester import person_of
 from service.model.run import Label, Run, RunState
 from service.model.stands_words import where_it_stands
@@ -166,7 +167,9 @@ def _facts(run: Run, baseline: str | None, reader: Reader) -> list[tuple[str, st
             run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items())),
         ),
         (
-            say("fact_until", "Until"),
+            say("fact_ended_early", "Ended early")
+            if event_of_early(run.ended_early) is not None
+            else say("fact_until", "Until"),
             early_words(run.until, run.ended_early) if run.state is RunState.COMPLETED else None,
         ),
         (say("fact_after_motion", "After the motion"), where_it_stands(run)),

@@ -74,11 +74,24 @@ class RecordingLink(BaseModel):
     sha256: str
 
 
-class EndedEarly(BaseModel):
-    """A test that ended as soon as it knew what was asked."""
+class OutOfFamilyView(BaseModel):
+    """The breakaway that ended a test, as `limits.end_out_of_family` of its valve asks."""
 
-    until: dict[str, str]
+    breakaway: int = Field(description="which one of the test, from 1")
+    time_s: float = Field(description="when, from the start of the recording")
+    force_n: float = Field(description="what the stem took when it was seen; it still stuck")
+    last_n: float = Field(description="what the breakaway before it took")
+    times: float = Field(description="how many times the last one that is")
+
+
+class EndedEarly(BaseModel):
+    """A test that ended as soon as it knew what was asked, or at a breakaway twice the last one."""
+
+    until: dict[str, str] = Field(description="what the test knew; empty where a breakaway ended it")
     saved_s: float = Field(description="of the sequence, less what the way back took longer")
+    out_of_family: OutOfFamilyView | None = Field(
+        default=None, description="the breakaway that ended it; null where it knew enough"
+    )
 
 
 class StandsView(BaseModel):

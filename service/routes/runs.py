@@ -209,7 +209,7 @@ async def watch_test(
 
     `estimate`: k, F_c, F_s and F_0 by the rows so far, each with `value` and `ci95`, or null; of polled tests, at each
     turning point and at least every 5 s. `notice`: a `sentence` and its `kind`: `breakaway` (a force twice the last
-    breakaway's) or `enough` (the test ends early).
+    breakaway's), `enough` (the test ends early) or `out_of_family` (such a breakaway ends it).
     """
     after = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
     events = await runs.follow(test_id, after)

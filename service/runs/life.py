@@ -19,6 +19,7 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt
 from service.config.settings import PlantValve
 from service.model.acknowledgement import ENDED_KEY
+from service.model.family_rule import OUT_OF_FAMILY_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
@@ -288,7 +289,7 @@ class Life:
 
     async def _tell_enough(self, motion: MotionLink, estimates: LiveEstimates) -> None:
         await estimates.enough.wait()
-        motion.end_early(self._live.run.id)
+        motion.end_early(self._live.run.id, estimates.because)
 
     def _note(self, outcome: PlayOutcome) -> None:
         """Keep in memory how a motion left its valve, before anything is stored: it is not sent to safe once more."""
@@ -316,7 +317,7 @@ class Life:
             changes["quality"] = await asyncio.to_thread(recording_quality, outcome.recording, outcome.notes)
         else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
-        changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes, **self._early(outcome)}
+        changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes, **self._early(end)}
         error = "" if outcome.error is None else message_of(outcome.error)
         faults = [text for text in (*end.faults, error, end.stopped) if text]
         if not outcome.safe_confirmed:
@@ -335,22 +336,23 @@ class Life:
             except OSError as error:  # the next start removes it
                 _LOG.warning("journal not removed", test=self._live.run.id, error=str(error))
 
-    def _early(self, outcome: PlayOutcome) -> dict[str, Any]:
-        """Return what the test was to know, and the time, s, that was saved where it knew that before its end.
+    def _early(self, end: MotionEnd) -> dict[str, Any]:
+        """Return what the test was to know, and where it ended early, why, and the time that was saved, s.
 
         The way back to the safe value from where it ended may be longer than from the sequence's end.
         """
-        until, early_s = self._live.run.until, outcome.ended_early_s
-        if until is None:
-            return {}
-        kept: dict[str, Any] = {UNTIL_KEY: dict(until)}
-        if early_s is not None:
+        until, early_s = self._live.run.until, end.outcome.ended_early_s
+        kept: dict[str, Any] = {} if until is None else {UNTIL_KEY: dict(until)}
+        if early_s is not None and (until is not None or end.early is not None):
             waveform, limits = self._order.waveform, self._valve.wiring.limits
             safe_pa = self._rest(True).safe_pa or 0.0
             back_pa, usual_pa = (abs(float(waveform.at(at_s)) - safe_pa) for at_s in (early_s, waveform.duration_s))
             longer_s = (back_pa - usual_pa) / limits.pressure_rate_pa_per_s
             saved_s = max(0.0, waveform.duration_s - early_s - longer_s)
-            kept[ENDED_EARLY_KEY] = {"until": dict(until), "saved_s": round(saved_s, 1)}
+            early: dict[str, Any] = {"until": dict(until or {}), "saved_s": round(saved_s, 1)}
+            if end.early is not None:  # whatever the test was to know, this ended it
+                early |= {"until": {}, OUT_OF_FAMILY_KEY: dict(end.early)}
+            kept[ENDED_EARLY_KEY] = early
         return kept
 
     async def _analyze(self, analyst: Analyst) -> None:

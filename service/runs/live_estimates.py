@@ -14,6 +14,7 @@ import numpy as np
 import structlog
 
 from drivers.outcome import SampleBlock
+from service.model.family_rule import event_of, event_words
 from service.model.until import is_met, read_until, until_words
 from service.runs.live import LiveRun
 from service.runs.out_of_family import OutOfFamily
@@ -69,8 +70,9 @@ class LiveEstimates:
     """The estimates of one polled test: at each turning point of its command, and at least every 5 s.
 
     One at a time: a turning point that is passed meanwhile is looked at when the last is back. ``enough`` is set where
-    an estimate that was asked for at a turning point knows what the test is to know. All methods belong to the event
-    loop, and none waits.
+    an estimate that was asked for at a turning point knows what the test is to know, and, where ``ends_out_of_family``,
+    at a breakaway twice the last one: then ``because`` has it. One that ``joins`` does so amid a test: the turning
+    points before count as judged. All methods belong to the event loop, and none waits.
     """
 
     def __init__(
@@ -82,8 +84,12 @@ class LiveEstimates:
         journal: Path,
         estimator: Estimator,
         spawn: Callable[[Coroutine[Any, Any, None]], object],
+        ends_out_of_family: bool = False,
+        joins: bool = False,
     ) -> None:
         self.enough = asyncio.Event()
+        self.because: dict[str, float] | None = None
+        self._ends_out_of_family = ends_out_of_family
         self._live = live
         self._until = read_until(live.run.valve, live.run.until)
         self._turns_s = turns_s(waveform)
@@ -94,7 +100,7 @@ class LiveEstimates:
         self._family = OutOfFamily(nameplate.actuator.travel_m)
         self._asked_s = 0.0
         self._passed = 0  # turning points
-        self._judged = 0  # of them, when the last estimate was asked for
+        self._judged = None if joins else 0  # of them, when the last estimate was asked for
         self._is_under_way = False
         self._is_over = False
 
@@ -106,8 +112,12 @@ class LiveEstimates:
         if notice is not None:
             _LOG.warning("out of family", test=self._live.run.id, valve=self._live.run.valve, **notice)
             self._live.events.append("notice", notice)
+            if self._ends_out_of_family and not self.enough.is_set():
+                self._end_out_of_family(event_of(notice))
         now_s = float(block.time_s[-1])
         self._passed = bisect_right(self._turns_s, now_s)
+        if self._judged is None:
+            self._judged = self._passed
         if not self._is_under_way and (self._passed > self._judged or now_s - self._asked_s >= _AT_LEAST_EVERY_S):
             at_turn, self._judged = self._passed > self._judged, self._passed
             self._asked_s, self._is_under_way = now_s, True
@@ -116,6 +126,13 @@ class LiveEstimates:
     def end(self) -> None:
         """The sequence is over: nothing more is asked for, and what is still under way changes nothing."""
         self._is_over = True
+
+    def _end_out_of_family(self, event: dict[str, float]) -> None:
+        self.because = event
+        self.enough.set()
+        _LOG.warning("test ends out of family", test=self._live.run.id, valve=self._live.run.valve, **event)
+        sentence = say("ends_out_of_family", "The test ends early by its limits: {event}.", event=event_words(event))
+        self._live.events.append("notice", {"kind": "out_of_family", **event, "sentence": sentence})
 
     async def _estimate(self, at_turn: bool) -> None:
         found: dict[str, Any] | None = None

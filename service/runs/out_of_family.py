@@ -58,6 +58,7 @@ class OutOfFamily:
             self._rows = self._rows + 1 if is_out else 0
             if self._rows == _ROWS:
                 found = {"kind": "breakaway", "time_s": float(at_s), "force_n": float(at_n), "last_n": family["last_n"]}
+                found["breakaway"] = family["breakaways"] + 1
         if found is None:
             return None
         words = say(

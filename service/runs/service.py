@@ -204,7 +204,7 @@ class Runs:
                 permit,
                 requester.name,
                 software=self._software,
-                may_end_early=estimates is not None and wish is not None,
+                may_end_early=estimates is not None and (wish is not None or valve.wiring.limits.end_out_of_family),
                 until=wish,
                 together=together,
                 read=valve_read(valve.wiring, self._plant.buses),
@@ -231,8 +231,13 @@ class Runs:
             estimates=estimates,
         )
 
-    def _estimates(self, live: LiveRun, valve: PlantValve, waveform: Waveform) -> LiveEstimates | None:
-        """Return what estimates a test while it runs; None where nobody can, and where its device plays by itself."""
+    def _estimates(
+        self, live: LiveRun, valve: PlantValve, waveform: Waveform, *, joins: bool = False
+    ) -> LiveEstimates | None:
+        """Return what estimates a test while it runs; None where nobody can, and where its device plays by itself.
+
+        ``joins`` where the test runs already.
+        """
         if self._estimator is None or valve.wiring.acquisition.mode is not Mode.POLLED:
             return None
         return LiveEstimates(
@@ -242,6 +247,8 @@ class Runs:
             journal=self._store.journal_path(live.run.id),
             estimator=self._estimator,
             spawn=self._tasks.spawn,
+            ends_out_of_family=valve.wiring.limits.end_out_of_family,
+            joins=joins,
         )
 
     async def _carry_out(self, life: Life, live: LiveRun, *, rejoined: bool = False) -> None:
@@ -514,7 +521,8 @@ class Runs:
         valve = self.valve(run.valve)
         live = self._live.begin(replace(run, until=order.until))
         claim = await self._gate.claim_when_free(run, valve)
-        life = self._life(live, valve, order, claim)
+        estimates = self._estimates(live, valve, order.waveform, joins=True) if order.may_end_early else None
+        life = self._life(live, valve, order, claim, estimates)
         _LOG.warning("test rejoined", test=run.id, valve=run.valve)
         self._carrying[run.id] = self._tasks.spawn(self._carry_out(life, live, rejoined=True))
 

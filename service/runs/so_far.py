@@ -68,5 +68,6 @@ def _family(motion: RecordedMotion, estimate: Estimate, nameplate: Nameplate) ->
         "preload_n": preload,
         "last_n": last_n,
         "usual_n": forces.value,
+        "breakaways": int(forces.friction_n.size),
         "stops_m": [float(end) for end in known if np.isfinite(end)],
     }

@@ -21,9 +21,11 @@ import structlog
 from drivers.motion.orders import MotionLostError
 from service.config.settings import Plant
 from service.model.check import Check, CheckState
+from service.model.family_rule import event_of_early
 from service.model.requester import Requester, RequesterKind
 from service.model.run import Run, RunState
 from service.model.schedule import Occurrence, Schedule, next_occurrence, occurrences_between
+from service.model.until import early_words
 from service.runs.service import Runs
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
@@ -314,7 +316,7 @@ class Nightly:
         """Wait for a test's end and write down how the check ended."""
         while not run.state.finished:
             run = await self._runs.wait(run.id, _LOOK_S)
-        await self._end(check, _BY_TEST.get(run.state, CheckState.FAILED), run.error)
+        await self._end(check, _BY_TEST.get(run.state, CheckState.FAILED), _reason_of(run))
 
     async def _note_cut_off(self, check: Check) -> None:
         """Write down the end of a check whose process died: with its test's, where that came to one."""
@@ -327,10 +329,16 @@ class Nightly:
                 self._spawn(self._follow(check, run))
                 return
             if run.state.finished:
-                state, reason = _BY_TEST.get(run.state, CheckState.FAILED), run.error
+                state, reason = _BY_TEST.get(run.state, CheckState.FAILED), _reason_of(run)
         await self._end(check, state, reason)
 
     async def _end(self, check: Check, state: CheckState, reason: str) -> str:
         await asyncio.to_thread(partial(self._table.end, check.id, state, reason, self._clock()))
         _LOG.info("check ended", valve=check.valve, schedule=check.schedule, state=state.value, reason=reason)
         return state.value
+
+
+def _reason_of(run: Run) -> str:
+    """Why a test ended badly, or before its sequence did as its valve's limits ask; "" of any other."""
+    is_cut = event_of_early(run.ended_early) is not None
+    return run.error or (early_words(run.until, run.ended_early) if is_cut else "")

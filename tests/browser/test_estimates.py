@@ -56,6 +56,10 @@ def test_intervals_narrow_on_the_page_and_a_breakaway_twice_the_last_is_a_warnin
         assert [one.get_attribute("stroke-width") for one in lines] == ["2", "2", "4"]
         browser.until_reads("#notice", "it takes 3600 N, twice its last breakaway of 1700 N")
         assert "alarm" in str(browser.see("#notice").get_attribute("class"))
+        forces = {"breakaway": 5, "time_s": 5.0, "force_n": 3600.0, "last_n": 1700.0, "times": 2.1}
+        tell("notice", {"kind": "out_of_family", **forces, "sentence": "..."})
+        browser.until_reads("#notice", "The test ends early: the stem takes 3600 N, twice its last breakaway of 1700 N")
+        assert "alarm" in str(browser.see("#notice").get_attribute("class"))
         browser.turn(PHONE)
         assert browser.run("return document.documentElement.scrollWidth <= window.innerWidth")
     finally:

@@ -372,7 +372,14 @@ def test_a_breakaway_twice_the_last_one_is_noticed_while_the_stem_still_sticks()
 
 def test_a_stem_on_its_stop_is_not_out_of_family() -> None:
     family = OutOfFamily(0.1)
-    known = {"area_m2": 0.06, "spring_n_per_m": 5.0e4, "preload_n": 0.0, "usual_n": 300.0, "last_n": 300.0}
+    known = {
+        "area_m2": 0.06,
+        "spring_n_per_m": 5.0e4,
+        "preload_n": 0.0,
+        "usual_n": 300.0,
+        "last_n": 300.0,
+        "breakaways": 4,
+    }
     family.know({**known, "stops_m": [0.09]})
     times_s = np.arange(10.0)
 

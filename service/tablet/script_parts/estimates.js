@@ -43,11 +43,13 @@ function strip(entries, words) {
 function showNotice(data) {
   const place = $("notice");
   let words = data.sentence;
-  if (data.kind === "breakaway") {
+  if (data.kind !== "enough") {
     const unit = JSON.parse($("so-far").dataset.force), shown = (force) => `${Number((force / unit.in_si).toPrecision(3))} ${unit.name}`;
-    words = t("The stem sticks: it takes {force}, twice its last breakaway of {last}.", { force: shown(data.force_n), last: shown(data.last_n) });
+    const forces = { force: shown(data.force_n), last: shown(data.last_n) };
+    words = data.kind === "breakaway" ? t("The stem sticks: it takes {force}, twice its last breakaway of {last}.", forces)
+      : t("The test ends early: the stem takes {force}, twice its last breakaway of {last}.", forces);
   }
-  place.classList.toggle("alarm", data.kind === "breakaway");
+  place.classList.toggle("alarm", data.kind !== "enough");
   place.dataset.kind = data.kind;
   place.textContent = words;
   place.hidden = false;
