@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.in_service.bands import bands_of
+from estimators.in_service.bands import SLIPS_HIDDEN, bands_of
 from estimators.in_service.events import Kind, Observations, observations_of
 from estimators.in_service.figure import Figure, not_known
 from estimators.in_service.fit import settled, spring_prior
@@ -34,6 +34,11 @@ _REVERSED: Final = say(
 )
 _UNEVEN: Final = say(
     "rows_uneven", "The rows are uneven, as a historian reports changes: forces are known to the steps between rows."
+)
+_BY_THEMSELVES: Final = say(
+    "reported_by_themselves",
+    "Position and signal are reported each by itself: the last report of each holds until the next. Smaller exception "
+    "limits of both tags make the figures surer.",
 )
 _NO_BENCH_SET: Final = say("no_bench_set", "The nameplate has no bench set: the spring comes from the moves alone.")
 
@@ -68,9 +73,11 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
         "slip_jump": bands.slip_jump,
         "slip": bands.slip.times(100.0, "%") if scale.is_share else bands.slip,
     }
+    if bands.slip.note is SLIPS_HIDDEN:
+        figures |= {name: not_known(unit, SLIPS_HIDDEN, one.count) for name, one in figures.items() if name != "slip"}
     figures |= forces(figures, unit, scale)
     figures |= percents_of_span(figures, kind, nameplate, unit)
-    figures["spring_rate"] = spring_rate(found, unit, scale)
+    figures["spring_rate"] = spring_rate(found, rows, seen, unit, scale)
     figures["lag"] = _lag(recording)
     figures["stem_lag"] = not_known("s", _RESTS)
     return Watched(
@@ -192,16 +199,29 @@ def _lag(recording: Recording) -> Figure:
 
 
 def _held(rows: Rows) -> list[Message]:
+    notes = []
+    if rows.repeats:
+        notes.append(
+            say(
+                "rows_repeat",
+                "{count} rows repeat both values of the row before, as an export does that holds the last report: they "
+                "are left out. Export the values as stored, without rows in between.",
+                count=rows.repeats,
+            )
+        )
+    elif rows.is_held:
+        notes.append(_BY_THEMSELVES)
     if not rows.held_s:
-        return []
+        return notes
     return [
+        *notes,
         say(
             "both_hold_one_value",
             "Position and signal hold one value for {hours:.3g} h, first after {time:.7g} s: that time is left out. If "
             "the source had stopped, look at the logger or transmitter.",
             hours=float(rows.held_s) / 3600.0,
             time=float(rows.held_from_s),
-        )
+        ),
     ]
 
 
