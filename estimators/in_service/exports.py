@@ -25,7 +25,7 @@ _LAGS: Final = (1, 2, 4, 8)  # rows on either side: a flat line's slope shows ov
 _ROUNDED: Final = 2.2  # last digits: three rounded values are off their line by as much
 _SLOPES: Final = 8.0  # last digits from end to end: else it is a channel at rest
 _KINKS: Final = 10  # ends of lines: a smooth motion has none
-_REPEATED: Final = 0.2  # of the rows: noise of two channels leaves a tenth
+_REPEATED: Final = 0.2  # of the new rows are repeated next: noise of two channels leaves a tenth
 _ONE_DIGIT: Final = 1.5  # last digits: coarse channels change by one
 
 
@@ -100,11 +100,11 @@ def without_repeats(position: FloatArray, signal: FloatArray) -> BoolArray:
     """
     all_rows = np.ones(position.size, np.bool_)
     same = (np.diff(position) == 0.0) & (np.diff(signal) == 0.0)
-    if np.mean(same) <= _REPEATED or not (_is_fine(position) and _is_fine(signal)):
+    fresh = np.concatenate([[True], ~same])
+    if np.mean(same[fresh[:-1]]) <= _REPEATED or not (_is_fine(position) and _is_fine(signal)):
         return all_rows
-    kept = np.concatenate([[True], ~same])
-    kept[-1] = True
-    return kept
+    fresh[-1] = True
+    return fresh
 
 
 def _is_fine(values: FloatArray) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import student_95
+from valve.messages import Message, say
 from valve.recording import FloatArray
 
 LEAST_REPEATS: Final = 4  # moves from which a mean and its interval are taken
@@ -54,6 +55,15 @@ class Figure:
             "count": self.count,
             "note": self.note,
         }
+
+
+def amount(value: float, unit: str) -> Message:
+    """Return a value in the signal's unit (Pa, N or %), as it is told."""
+    if unit == "Pa":
+        return say("amount_pressure", "{value:.3g kPa}", value=value)
+    if unit == "N":
+        return say("amount_force", "{value:.3g N}", value=value)
+    return say("amount_percent", "{value:.3g %}", value=0.01 * value)
 
 
 def not_known(unit: str, note: str, count: int = 0) -> Figure:

@@ -15,7 +15,7 @@ from valve.recording import FloatArray
 BoolArray = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
-_FEWEST: Final = 60  # rows: a minute of 1 Hz
+FEWEST: Final = 60  # rows: a minute of 1 Hz
 _EVEN_GAP: Final = 5.0  # median periods: a longer pause is a gap
 _LEAST_GAP_S: Final = 2.0
 _LONGEST_PAUSE_S: Final = 7.0 * 86400.0
@@ -64,13 +64,10 @@ class Rows:
         return replace(kept, held_s=self.held_s, held_from_s=self.held_from_s, repeats=self.repeats)
 
 
-def rows_of(
-    time_s: FloatArray, position: FloatArray, signal: FloatArray, *, travel: float | None, subject: str
-) -> Rows:
+def rows_of(time_s: FloatArray, position: FloatArray, signal: FloatArray, *, subject: str) -> Rows:
     """Return the rows that have both channels; what is between them and what noise does to them.
 
-    ``travel`` is the valve's, in the position's unit, None where it is not known.
-    Raises RecordingError for too few rows, a clock that jumps, a position outside the travel and a unit that changes.
+    Raises RecordingError for too few rows, a clock that jumps, interpolated rows and a unit that changes.
     """
     position, signal, is_held = together(time_s, position, signal)
     both = np.isfinite(position) & np.isfinite(signal)
@@ -78,7 +75,7 @@ def rows_of(
     _require_one_clock(time_s, subject)
     held, held_s, held_from_s = _held(time_s, position, signal)
     time_s, position, signal = time_s[~held], position[~held], signal[~held]
-    if time_s.size < _FEWEST:
+    if time_s.size < FEWEST:
         raise RecordingError(
             say(
                 "few_rows_to_watch",
@@ -86,10 +83,9 @@ def rows_of(
                 "record, an hour of 1 Hz at best",
                 subject=subject,
                 count=int(time_s.size),
-                needed=_FEWEST,
+                needed=FEWEST,
             )
         )
-    _require_inside(position, travel, subject)
     _require_one_unit("position", position, signal, time_s, subject)
     _require_one_unit("signal", signal, position, time_s, subject)
     require_measured(time_s, position, subject)
@@ -134,7 +130,7 @@ def _held(time_s: FloatArray, position: FloatArray, signal: FloatArray) -> tuple
     first = np.flatnonzero(~same)
     last = np.append(first[1:], same.size) - 1
     lasts_s = time_s[last] - time_s[first] if same.size else np.empty(0)
-    is_long = (lasts_s > _LONGEST_HELD_S) & (last - first >= _FEWEST)
+    is_long = (lasts_s > _LONGEST_HELD_S) & (last - first >= FEWEST)
     if not is_long.any():
         return np.zeros(same.size, np.bool_), 0.0, 0.0
     held = same & is_long[stretch - 1]
@@ -188,7 +184,8 @@ def _require_one_clock(time_s: FloatArray, subject: str) -> None:
         )
 
 
-def _require_inside(position: FloatArray, travel: float | None, subject: str) -> None:
+def require_inside(position: FloatArray, travel: float | None, subject: str) -> None:
+    """Raise RecordingError where a position, shape (n,), NaN for a gap, lies outside the travel."""
     if travel is None:
         return
     share = position / travel
@@ -230,15 +227,13 @@ def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: 
             raise RecordingError(
                 say(
                     "unit_changes",
-                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): it goes from "
-                    "{before:.4g} to {after:.4g} and stays there, a factor of {factor:.4g}, while the other channel "
-                    "stays: cut the file there, or write one unit",
+                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): its values change at "
+                    "once by a factor of {factor:.4g} and stay so, while the other channel stays: cut the file there, "
+                    "or write one unit",
                     subject=subject,
                     channel=name,
                     row=int(row) + 1,
                     time=float(time_s[row]),
-                    before=float(values[row]),
-                    after=float(values[row + 1]),
                     factor=float(near[0]),
                 )
             )
