@@ -15,7 +15,7 @@ from estimators.in_service.exports import BoolArray, last_digit
 from estimators.in_service.rows import Rows
 from valve.recording import FloatArray
 
-# Own choices; tests/estimators/in_service/test_stopped.py has what must not be taken for one.
+# Own choices; tests/estimators/in_service/test_contradictions.py has what must not be taken for one.
 _LEAST_ROWS: Final = 60
 _LEAST_S: Final = 60.0
 _LONGER: Final = 10.0  # than nearly all other stretches of one value
