@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import RecordingError
-from valve.messages import say
+from valve.messages import Message, say
 from valve.nameplate import Nameplate
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,6 +21,21 @@ CHANNELS: Final = ("command_pa", "pressure_pa", "force_n", "position_m")
 # Polled data only, on the recording's clock: when the write of a row's command went out and was confirmed (NaN where
 # the row wrote none), and when the sample's request went out and its answer was there.
 INTERVAL_CHANNELS: Final = ("write_sent_s", "written_s", "sent_s", "received_s")
+
+
+def clock_set_back(source: str, row: int, before_s: float, after_s: float) -> Message:
+    """Return what is said where time goes back once, at a row counted from 1."""
+    return say(
+        "clock_set_back",
+        "{source}: the clock goes back once, by {back:.6g} s at row {row}, from {before:.7g} to {after:.7g} s: it was "
+        "set back there, as at the end of summer time, or two parts are in the wrong order: cut the file there and "
+        "give the parts by themselves, or export in UTC",
+        source=source,
+        back=before_s - after_s,
+        row=row,
+        before=before_s,
+        after=after_s,
+    )
 
 
 class Acquisition(StrEnum):

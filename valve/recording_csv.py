@@ -91,6 +91,14 @@ def _header(data: bytes, source: str) -> tuple[list[str], int]:
             )
         ) from None
     names = [cell.strip().strip('"').strip() for cell in line.split(",")]
+    if len(names) == 1 and (";" in line or "\t" in line) and not data[end:].strip():
+        raise RecordingError(
+            say(
+                "header_alone",
+                "{source}: it has a header line and no rows: export a time that has values",
+                source=source,
+            )
+        )
     _require_known(names, line, source)
     return names, min(end + 1, len(data))
 

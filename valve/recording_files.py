@@ -23,8 +23,9 @@ from valve.plausibility import (
     require_plausible_pressure,
     require_plausible_time,
 )
-from valve.recording import CHANNELS, INTERVAL_CHANNELS, Acquisition, FloatArray, Provenance, Recording
+from valve.recording import CHANNELS, INTERVAL_CHANNELS, Acquisition, FloatArray, Provenance, Recording, clock_set_back
 
+_FEWEST_OF_A_PART: Final = 10  # rows before and after a clock that was set back: else a row is out of order
 _PARQUET_MAGIC: Final = b"PAR1"
 _PARQUET_SUFFIXES: Final = (".parquet", ".pq")
 _POLLED_COLUMNS: Final = frozenset(INTERVAL_CHANNELS)  # a write and a look a row: nothing else has them
@@ -273,6 +274,8 @@ def _require_rising_time(time_s: FloatArray, source: str) -> None:
     if falling.size:
         row = int(falling[0]) + 2
         before_s, after_s = float(time_s[row - 2]), float(time_s[row - 1])
+        if falling.size == 1 and after_s < before_s and _FEWEST_OF_A_PART < row <= time_s.size - _FEWEST_OF_A_PART:
+            raise RecordingError(clock_set_back(source, row, before_s, after_s))
         raise RecordingError(
             say(
                 "time_falls_in_row",

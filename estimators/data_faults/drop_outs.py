@@ -30,13 +30,21 @@ _MOST: Final = 0.3  # of the samples
 _SLOWEST_PERIOD_S: Final = 0.051  # slower, a valve may shut and open between two rows
 
 
-def without_drop_outs(recording: Recording, place: str) -> tuple[Recording, list[DataFault]]:
-    """Return the recording with its drop-outs made gaps, and what was left out of which channel."""
-    if recording.samples < 50 or recording.sample_period_s > _SLOWEST_PERIOD_S:
+def without_drop_outs(
+    recording: Recording, place: str, *, by_pressure: bool = False
+) -> tuple[Recording, list[DataFault]]:
+    """Return the recording with its drop-outs made gaps, and what was left out of which channel.
+
+    ``by_pressure``: those of the position that the pressure or force denies alone, and at any rate of rows, as a valve
+    in service is recorded.
+    """
+    is_slow = recording.sample_period_s > _SLOWEST_PERIOD_S if recording.samples > 1 else True
+    witnessed = recording.pressure_pa is not None or recording.force_n is not None
+    if recording.samples < 50 or (not witnessed if by_pressure else is_slow):
         return recording, []
     candidates = {
         name: found
-        for name in _MEASURED
+        for name in (_MEASURED[:1] if by_pressure else _MEASURED)
         if (channel := getattr(recording, name)) is not None and (found := _jumps(recording.time_s, channel))
     }
     told: list[DataFault] = []
@@ -45,7 +53,11 @@ def without_drop_outs(recording: Recording, place: str) -> tuple[Recording, list
         others = [(other, *one) for other, found in candidates.items() if other != name for one in found]
         channel = np.array(getattr(recording, name))
         out = np.zeros(channel.shape, dtype=np.bool_)
-        kept = [one for one in stretches if _is_drop_out(recording, name, one, others)]
+        kept = [
+            one
+            for one in stretches
+            if (_is_left_out(recording, *one) if by_pressure else _is_drop_out(recording, name, one, others))
+        ]
         for first, last in kept:
             out[first:last] = True
         if not kept or np.count_nonzero(out) > _MOST * out.size:
@@ -107,6 +119,25 @@ def _is_drop_out(recording: Recording, name: str, stretch: tuple[int, int], othe
     return exact and (denied or any(_is_exact(getattr(recording, other), begin, end) for other, begin, end in beside))
 
 
+def _is_left_out(recording: Recording, first: int, last: int) -> bool:
+    """Whether a position in service drops out: it is exact, or back where it was with the pressure where that was.
+
+    A stem that slips there and back needs the pressure to turn by the stick band in between.
+    """
+    witness = recording.force_n if recording.pressure_pa is None else recording.pressure_pa
+    position = recording.position_m
+    before, after = _near(position, first - 1, -1), _near(position, last, 1)
+    was, is_now = _near(witness, first - 1, -1), _near(witness, last, 1)
+    if witness is None or before is None or after is None or was is None or is_now is None:
+        return False
+    if not _is_denied(recording, "position_m", first, last, low=position[first] < min(before, after)):
+        return False
+    jump = min(abs(before - position[first]), abs(after - position[last - 1]))
+    returns = abs(after - before) <= _COMES_BACK * jump
+    stays = abs(is_now - was) <= _BEYOND * float(np.nanmax(witness) - np.nanmin(witness))
+    return _is_exact(position, first, last) or (returns and stays)
+
+
 def _is_exact(channel: FloatArray, first: int, last: int) -> bool:
     """Whether a stretch is one value to the last digit, longer than the channel repeats one anywhere else."""
     inside = channel[first:last]
@@ -142,7 +173,9 @@ def _is_denied(recording: Recording, name: str, first: int, last: int, *, low: b
     return True
 
 
-def _near(channel: FloatArray, row: int, way: int) -> float | None:
+def _near(channel: FloatArray | None, row: int, way: int) -> float | None:
+    if channel is None:
+        return None
     while 0 <= row < channel.size:
         if np.isfinite(channel[row]):
             return float(channel[row])
@@ -164,14 +197,22 @@ def _told(name: str, place: str, channel: FloatArray, time_s: FloatArray, kept: 
         times=_times(len(kept)),
         level=float(channel[kept[0][0]]) + 0.0,  # + 0.0: no minus before a zero
         unit=unit,
-        lasted=say("lasted", "{time:.3g ms}", time=lasted_s[0])
-        if len(kept) == 1
-        else say("lasted_from_to", "{least:.3g in ms} to {most:.3g ms}", least=min(lasted_s), most=max(lasted_s)),
+        lasted=_lasted(min(lasted_s), max(lasted_s)),
         first=float(time_s[kept[0][0]]),
         count=count,
     )
     figures = {"drop_outs": (float(len(kept)), "1"), "longest_s": (max(lasted_s), "s")}
     return DataFault(name, "drop_outs", count, sentence, figures)
+
+
+def _lasted(least_s: float, most_s: float) -> Message:
+    if most_s >= 1.0:
+        if least_s == most_s:
+            return say("lasted_seconds", "{time:.3g s}", time=most_s)
+        return say("lasted_seconds_from_to", "{least:.3g in s} to {most:.3g s}", least=least_s, most=most_s)
+    if least_s == most_s:
+        return say("lasted", "{time:.3g ms}", time=most_s)
+    return say("lasted_from_to", "{least:.3g in ms} to {most:.3g ms}", least=least_s, most=most_s)
 
 
 def _times(count: int) -> Message:

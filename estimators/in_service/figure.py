@@ -10,10 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import student_95
+from valve.messages import Message, say
 from valve.recording import FloatArray
 
 LEAST_REPEATS: Final = 4  # moves from which a mean and its interval are taken
 COMMON_SHARE: Final = 0.1  # of what rows leave open: instants do not fall evenly between rows, so a part is common
+HELD_SHARE: Final = 0.5  # the same where values are held: all are late
 WIDEST: Final = 0.3  # half an interval by its value: a figure that is known to worse is not given
 
 
@@ -55,6 +57,15 @@ class Figure:
         }
 
 
+def amount(value: float, unit: str) -> Message:
+    """Return a value in the signal's unit (Pa, N or %), as it is told."""
+    if unit == "Pa":
+        return say("amount_pressure", "{value:.3g kPa}", value=value)
+    if unit == "N":
+        return say("amount_force", "{value:.3g N}", value=value)
+    return say("amount_percent", "{value:.3g %}", value=0.01 * value)
+
+
 def not_known(unit: str, note: str, count: int = 0) -> Figure:
     """Return a figure without a value."""
     return Figure(None, unit, None, None, count, note)
@@ -78,11 +89,14 @@ def estimated(
     return Figure(value, unit, (value - half, value + half), scatter, count, note)
 
 
-def mean_of_repeats(values: FloatArray, half_widths: FloatArray, unit: str, few: str, too_wide: str) -> Figure:
+def mean_of_repeats(
+    values: FloatArray, half_widths: FloatArray, unit: str, few: str, too_wide: str, *, common: float | None = None
+) -> Figure:
     """Return the mean of what repeated, with Student's interval (n - 1) from its scatter.
 
     ``values``, ``half_widths`` of shape (n,): each is known to lie within its half width, as slow rows leave it. It may
     be anywhere there, so its variance is a third of the square; a tenth of the half width is common to all.
+    ``common``: half of the half width and this are, as where an export holds values.
     Values farther than 5 robust deviations from the median are left out.
     """
     if values.size < LEAST_REPEATS:
@@ -90,8 +104,8 @@ def mean_of_repeats(values: FloatArray, half_widths: FloatArray, unit: str, few:
     kept = usual(values, half_widths)
     values, half_widths = values[kept], half_widths[kept]
     variance, read = float(np.var(values, ddof=1)), float(np.mean(half_widths**2)) / 3.0
-    common = COMMON_SHARE * float(np.mean(half_widths))
-    std_error = math.sqrt(max(variance, read) / values.size + common**2)
+    open_rows = (COMMON_SHARE if common is None else HELD_SHARE) * float(np.mean(half_widths))
+    std_error = math.sqrt(max(variance, read) / values.size + open_rows**2 + (common or 0.0) ** 2)
     scatter = math.sqrt(max(variance - read, 0.0))
     return estimated(
         float(values.mean()),

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.in_service.balance import DOWN, MOTION, SPRING, UP, Balance
 from estimators.in_service.events import Kind, Observations
-from estimators.in_service.figure import COMMON_SHARE, LEAST_REPEATS, WIDEST, Figure, estimated, not_known
+from estimators.in_service.figure import COMMON_SHARE, HELD_SHARE, LEAST_REPEATS, WIDEST, Figure, estimated, not_known
 from estimators.in_service.result import Input, Scale
 from estimators.in_service.rows import Rows
 from valve.messages import say
@@ -54,7 +54,7 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
         )
         return {f"{name}_signal": not_known(unit, few) for name in names}
     spring = abs(float(found.values[SPRING]))
-    open_rows = COMMON_SHARE * float(np.mean(seen.half_width))
+    open_rows = (HELD_SHARE if rows.is_held else COMMON_SHARE) * float(np.mean(seen.half_width))
     share = _SIGNAL_SHARE if rows.is_even else _REPORTED_SHARE
     common = np.hypot(np.hypot(spring * rows.noise, share * rows.signal_noise), open_rows)
     away = {sign: int(((seen.kind == Kind.BREAKAWAY) & (seen.sign == sign)).sum()) for sign in (1, -1)}
@@ -151,16 +151,17 @@ def percents_of_span(
     return percents
 
 
-def spring_rate(found: Balance | None, unit: str, scale: Scale) -> Figure:
-    """Spring rate in N/m, where the moves alone show it."""
+def spring_rate(found: Balance | None, rows: Rows, seen: Observations, unit: str, scale: Scale) -> Figure:
+    """Spring rate in N/m, where the moves alone show it; values that an export holds leave the slope open, too."""
     if unit == "%" or (unit == "Pa" and scale.area_m2 is None) or scale.is_share:
         return not_known("N/m", _NEEDS_TRAVEL)
     if found is None or not found.spring_error <= _SPRING_KNOWN * abs(found.spring):
         return not_known("N/m", _NO_SLOPE)
+    late = float(np.mean(seen.half_width)) / float(np.ptp(seen.position)) if rows.is_held else 0.0
     factor = 1.0 if unit == "N" or scale.area_m2 is None else scale.area_m2
     return estimated(
         found.spring * factor,
-        found.spring_error * factor,
+        float(np.hypot(found.spring_error, late)) * factor,
         "N/m",
         found.freedom,
         count=0,

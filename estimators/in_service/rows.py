@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from estimators.in_service.exports import is_uneven, longest_silence_s, require_measured, together, without_repeats
 from valve.errors import RecordingError
 from valve.messages import say
 from valve.recording import FloatArray
 
 BoolArray = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
-_FEWEST: Final = 60  # rows: a minute of 1 Hz
-_UNEVEN: Final = 1.8  # 90 % of the rows come within so many times the 10 % quantile of the periods, or are uneven
+FEWEST: Final = 60  # rows: a minute of 1 Hz
 _EVEN_GAP: Final = 5.0  # median periods: a longer pause is a gap
 _LEAST_GAP_S: Final = 2.0
-_UNEVEN_GAP: Final = 20.0  # 90 % quantiles of the periods: an exception report is silent where nothing moves
-_LEAST_UNEVEN_GAP_S: Final = 600.0  # most historians report at least every ten minutes
 _LONGEST_PAUSE_S: Final = 7.0 * 86400.0
 _LONGEST_HELD_S: Final = 3600.0  # that both channels may hold one value, as coarse ones do where a loop is quiet
-_SPARSE: Final = 0.05  # of the rows of the position that have no signal: each channel was reported by itself
 _BEYOND_TRAVEL: Final = 0.25  # of the travel: overtravel and a shifted zero stay within
 #: Between units of length and of pressure.
 UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
 LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
+_REPORTS: Final = 7.0  # noise in the least change that is reported: each report is a move, of five times the noise
 _WINDOW_ROWS: Final = 16
 _QUIET_SHARE: Final = 0.3  # of the windows: a valve in service rests that often
 
@@ -37,12 +36,14 @@ class Rows:
     ``run``: number of the run without a gap that the row is of. ``noise``: white noise of one row's position, at least
     the resolution's; ``signal_noise`` the same of the signal. ``covered_s``: time without the gaps. ``held_s``: how
     long the source gave one value again and again, first ``held_from_s``: those rows are left out, and a gap.
+    ``repeats``: rows that held both values of the row before, as an export that fills in the last report: left out too.
+    ``is_held``: a value may be older than its row, by up to a report.
     """
 
     time_s: FloatArray
     position: FloatArray
     signal: FloatArray
-    run: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    run: IntArray
     period_s: float
     is_even: bool
     noise: float
@@ -51,23 +52,30 @@ class Rows:
     gaps: int
     held_s: float = 0.0
     held_from_s: float = 0.0
+    repeats: int = 0
+    is_held: bool = False
+
+    def without(self, out: BoolArray) -> Rows:
+        """Return the rows that ``out``, shape (n,), does not select; a stretch of those becomes a gap."""
+        stretch = np.concatenate([[0], np.cumsum(np.diff(out.astype(np.int8)) != 0)])
+        kept = _arranged(
+            self.time_s[~out], self.position[~out], self.signal[~out], (self.run + stretch)[~out], self.is_held
+        )
+        return replace(kept, held_s=self.held_s, held_from_s=self.held_from_s, repeats=self.repeats)
 
 
-def rows_of(
-    time_s: FloatArray, position: FloatArray, signal: FloatArray, *, travel: float | None, subject: str
-) -> Rows:
+def rows_of(time_s: FloatArray, position: FloatArray, signal: FloatArray, *, subject: str) -> Rows:
     """Return the rows that have both channels; what is between them and what noise does to them.
 
-    ``travel`` is the valve's, in the position's unit, None where it is not known.
-    Raises RecordingError for too few rows, a clock that jumps, a position outside the travel and a unit that changes.
+    Raises RecordingError for too few rows, a clock that jumps, interpolated rows and a unit that changes.
     """
-    signal = _reported(time_s, signal, np.isfinite(position))
+    position, signal, is_held = together(time_s, position, signal)
     both = np.isfinite(position) & np.isfinite(signal)
     time_s, position, signal = time_s[both], position[both], signal[both]
     _require_one_clock(time_s, subject)
     held, held_s, held_from_s = _held(time_s, position, signal)
     time_s, position, signal = time_s[~held], position[~held], signal[~held]
-    if time_s.size < _FEWEST:
+    if time_s.size < FEWEST:
         raise RecordingError(
             say(
                 "few_rows_to_watch",
@@ -75,19 +83,27 @@ def rows_of(
                 "record, an hour of 1 Hz at best",
                 subject=subject,
                 count=int(time_s.size),
-                needed=_FEWEST,
+                needed=FEWEST,
             )
         )
-    periods_s = np.diff(time_s)
-    period_s, (short_s, long_s) = float(np.median(periods_s)), np.quantile(periods_s, (0.1, 0.9))
-    is_even = bool(long_s <= _UNEVEN * short_s)
-    gap_s = (
-        max(_EVEN_GAP * period_s, _LEAST_GAP_S) if is_even else max(_UNEVEN_GAP * float(long_s), _LEAST_UNEVEN_GAP_S)
-    )
-    _require_inside(position, travel, subject)
     _require_one_unit("position", position, signal, time_s, subject)
     _require_one_unit("signal", signal, position, time_s, subject)
-    is_gap = periods_s > gap_s
+    require_measured(time_s, position, subject)
+    kept = without_repeats(position, signal)
+    repeats = int((~kept).sum())
+    rows = _arranged(
+        time_s[kept], position[kept], signal[kept], np.zeros(int(kept.sum()), np.int64), is_held or repeats > 0
+    )
+    return replace(rows, held_s=held_s, held_from_s=held_from_s, repeats=repeats)
+
+
+def _arranged(time_s: FloatArray, position: FloatArray, signal: FloatArray, part: IntArray, is_held: bool) -> Rows:
+    """Rows with their runs and noise; ``part``, shape (n,), changes where a run ends whatever the clock says."""
+    is_reported = is_held and bool(np.mean(np.diff(position) == 0.0) > 0.5)
+    periods_s = np.diff(time_s)
+    period_s, is_even = float(np.median(periods_s)), not is_uneven(periods_s)
+    gap_s = max(_EVEN_GAP * period_s, _LEAST_GAP_S) if is_even else longest_silence_s(periods_s)
+    is_gap = (periods_s > gap_s) | (np.diff(part) != 0)
     run = np.concatenate([[0], np.cumsum(is_gap)]).astype(np.int64)
     return Rows(
         time_s,
@@ -96,12 +112,11 @@ def rows_of(
         run,
         period_s,
         is_even,
-        _noise(position),
+        resolution(position) / _REPORTS if is_reported else _noise(position),
         _noise(signal) if is_even else _reported_step(signal) / 2.0,
         float(periods_s[~is_gap].sum()),
         int(is_gap.sum()),
-        held_s,
-        held_from_s,
+        is_held=is_held,
     )
 
 
@@ -115,24 +130,11 @@ def _held(time_s: FloatArray, position: FloatArray, signal: FloatArray) -> tuple
     first = np.flatnonzero(~same)
     last = np.append(first[1:], same.size) - 1
     lasts_s = time_s[last] - time_s[first] if same.size else np.empty(0)
-    is_long = (lasts_s > _LONGEST_HELD_S) & (last - first >= _FEWEST)
+    is_long = (lasts_s > _LONGEST_HELD_S) & (last - first >= FEWEST)
     if not is_long.any():
         return np.zeros(same.size, np.bool_), 0.0, 0.0
     held = same & is_long[stretch - 1]
     return held, float(lasts_s[is_long].sum()), float(time_s[first[is_long][0]])
-
-
-def _reported(time_s: FloatArray, signal: FloatArray, wanted: BoolArray) -> FloatArray:
-    """Signal at the position's rows; where the channels were reported each by itself, on the line between reports."""
-    known = np.isfinite(signal)
-    if known.sum() < 2 or not wanted.any() or np.mean(~known[wanted]) <= _SPARSE:
-        return signal
-    reports_s = time_s[known]
-    after = np.clip(np.searchsorted(reports_s, time_s), 1, reports_s.size - 1)
-    apart_s = reports_s[after] - reports_s[after - 1]
-    near = apart_s <= max(_LEAST_UNEVEN_GAP_S, _UNEVEN_GAP * float(np.quantile(np.diff(reports_s), 0.9)))
-    inside = (time_s >= reports_s[0]) & (time_s <= reports_s[-1])
-    return np.where(near & inside, np.interp(time_s, reports_s, signal[known]), np.nan)
 
 
 def _reported_step(values: FloatArray) -> float:
@@ -182,7 +184,8 @@ def _require_one_clock(time_s: FloatArray, subject: str) -> None:
         )
 
 
-def _require_inside(position: FloatArray, travel: float | None, subject: str) -> None:
+def require_inside(position: FloatArray, travel: float | None, subject: str) -> None:
+    """Raise RecordingError where a position, shape (n,), NaN for a gap, lies outside the travel."""
     if travel is None:
         return
     share = position / travel
@@ -224,15 +227,13 @@ def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: 
             raise RecordingError(
                 say(
                     "unit_changes",
-                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): it goes from "
-                    "{before:.4g} to {after:.4g} and stays there, a factor of {factor:.4g}, while the other channel "
-                    "stays: cut the file there, or write one unit",
+                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): its values change at "
+                    "once by a factor of {factor:.4g} and stay so, while the other channel stays: cut the file there, "
+                    "or write one unit",
                     subject=subject,
                     channel=name,
                     row=int(row) + 1,
                     time=float(time_s[row]),
-                    before=float(values[row]),
-                    after=float(values[row + 1]),
                     factor=float(near[0]),
                 )
             )

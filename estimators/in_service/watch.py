@@ -7,17 +7,23 @@ from typing import Final
 
 import numpy as np
 
-from estimators.in_service.bands import bands_of
+from estimators.data_faults.drop_outs import without_drop_outs
+from estimators.data_faults.fault import NOWHERE
+from estimators.in_service.balance import Balance
+from estimators.in_service.bands import SLIPS_HIDDEN, bands_of
 from estimators.in_service.events import Kind, Observations, observations_of
-from estimators.in_service.figure import Figure, not_known
+from estimators.in_service.figure import Figure, amount, not_known
 from estimators.in_service.fit import settled, spring_prior
 from estimators.in_service.frictions import PERCENTS, forces, frictions, percents_of_span, spring_rate
 from estimators.in_service.lag import lag_of
 from estimators.in_service.moves import Moves, moves_of, no_moves
+from estimators.in_service.one_line import new_line
+from estimators.in_service.plausible import plausible
 from estimators.in_service.result import COUNTED_FROM_M, Input, Scale, Watched
-from estimators.in_service.rows import Rows, resolution, rows_of
+from estimators.in_service.rows import FEWEST, Rows, require_inside, resolution, rows_of
+from estimators.in_service.stopped import Stopped, repeated, rows_of_stretches, stopped
 from estimators.in_service.travel import travel_of
-from valve.errors import MeasurementError
+from valve.errors import MeasurementError, RecordingError
 from valve.messages import Message, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import FloatArray, Recording
@@ -35,6 +41,11 @@ _REVERSED: Final = say(
 _UNEVEN: Final = say(
     "rows_uneven", "The rows are uneven, as a historian reports changes: forces are known to the steps between rows."
 )
+_BY_THEMSELVES: Final = say(
+    "reported_by_themselves",
+    "Position and signal are reported each by itself: the last report of each holds until the next. Smaller exception "
+    "limits of both tags make the figures surer.",
+)
 _NO_BENCH_SET: Final = say("no_bench_set", "The nameplate has no bench set: the spring comes from the moves alone.")
 
 
@@ -42,22 +53,116 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
     """Return what normal operation says of a valve.
 
     Without a nameplate the figures that need its area or travel are not known and say so. Raises RecordingError where
-    the rows cannot be right (``rows_of``), and MeasurementError where the stem never moved beyond its noise.
+    the rows cannot be right (``rows_of``) or a channel's unit changes, and MeasurementError where the stem never moved
+    beyond its noise.
     """
-    kind, signal, unit = _signal(recording, scale)
     travel = scale.travel_m if not scale.is_share else COUNTED_FROM_M
-    rows = rows_of(recording.time_s, recording.position_m, signal, travel=travel, subject=subject)
+    require_inside(recording.position_m, travel, subject)
+    recording, faults = without_drop_outs(recording, NOWHERE, by_pressure=True)
+    kind, signal, unit = _signal(recording, scale)
+    rows = rows_of(recording.time_s, recording.position_m, signal, subject=subject)
     moves = moves_of(rows)
+    prior = spring_prior(kind, nameplate, scale, unit)
+    rows, moves, stops = _without_stops(rows, moves, travel, prior)
     if moves.count < 2:
-        return _restless(recording, rows, kind, scale, _never_moved(rows, moves, scale, subject))
+        return _restless(recording, rows, kind, scale, _never_moved(rows, moves, (scale, unit), subject))
+    found, rows, moves, seen, is_reversed = _balance(rows, moves, travel, prior)
+    _require_one_line(seen, unit, subject)
+    figures = _figures(found, rows, moves, seen, (kind, nameplate, scale, unit))
+    figures["lag"] = _lag(recording)
+    figures["stem_lag"] = not_known("s", _RESTS)
+    figures, doubts = plausible(figures, prior, unit, scale)
+    return Watched(
+        rows=rows.time_s.size,
+        duration_s=float(np.ptp(rows.time_s)),
+        covered_s=rows.covered_s,
+        period_s=rows.period_s,
+        is_even=rows.is_even,
+        gaps=rows.gaps,
+        driven_by=kind,
+        position_unit="%" if scale.is_share else "m",
+        position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
+        is_reversed=is_reversed,
+        moves=moves.count,
+        breakaways=int((seen.kind == Kind.BREAKAWAY).sum()),
+        figures=figures,
+        travel=travel_of(rows, moves, travel),
+        notes=(*doubts, *(fault.sentence for fault in faults), *stops, *_notes(kind, nameplate, rows, is_reversed)),
+    )
+
+
+def _balance(
+    rows: Rows, moves: Moves, travel: float | None, prior: tuple[float, float] | None
+) -> tuple[Balance | None, Rows, Moves, Observations, bool]:
+    """Balance of the moves with what it is of, the signal turned round where the position falls with it."""
     seen = observations_of(rows, moves)
     is_reversed = _falls_with_signal(seen)
     if is_reversed:
         rows = replace(rows, signal=-rows.signal)
         seen = replace(seen, signal=-seen.signal)
     length = travel if travel is not None else float(np.ptp(rows.position))
-    prior = spring_prior(kind, nameplate, scale, unit)
     found, moves, seen = settled(rows, moves, seen, length, prior)
+    return found, rows, moves, seen, is_reversed
+
+
+def _without_stops(
+    rows: Rows, moves: Moves, travel: float | None, prior: tuple[float, float] | None
+) -> tuple[Rows, Moves, list[Message]]:
+    """Leave out where one channel had stopped, by the balance of all other rows, and say so."""
+    candidates = repeated(rows)
+    out = rows_of_stretches([one for stretches in candidates.values() for one in stretches], rows.time_s.size)
+    if not out.any() or np.count_nonzero(~out) < FEWEST:
+        return rows, moves, []
+    rest = rows.without(out)
+    rest_moves = moves_of(rest)
+    found = _balance(rest, rest_moves, travel, prior)[0] if rest_moves.count >= 2 else None
+    stops = [] if found is None else stopped(rows, candidates, found)
+    if not stops:
+        return rows, moves, []
+    rows = rows.without(np.any([one.out for one in stops], axis=0))
+    return rows, moves_of(rows), [_stop_said(one) for one in stops]
+
+
+def _stop_said(one: Stopped) -> Message:
+    channel = say("position", "position") if one.is_position else say("signal", "signal")
+    return say(
+        "channel_stopped",
+        "The {channel} holds one value for {hours:.3g} h, first after {time:.7g} s, while the other channel moves by "
+        "more than that valve can: that time is left out. Look at the transmitter, link and tag of the {channel}.",
+        channel=channel,
+        hours=one.lasted_s / 3600.0,
+        time=one.first_s,
+    )
+
+
+def _require_one_line(seen: Observations, unit: str, subject: str) -> None:
+    new = new_line(seen)
+    if new is None:
+        return
+    raise RecordingError(
+        say(
+            "line_changes",
+            "{subject}: between {since:.7g} s and {until:.7g} s the signal at one position changes for good by up to "
+            "{differs}, and the friction is {friction}: unit, range or zero of a channel changed there: cut the file "
+            "there and give the parts by themselves",
+            subject=subject,
+            since=new.since_s,
+            until=new.until_s,
+            differs=amount(new.differs, unit),
+            friction=amount(new.friction, unit),
+        )
+    )
+
+
+def _figures(
+    found: Balance | None,
+    rows: Rows,
+    moves: Moves,
+    seen: Observations,
+    of: tuple[Input, Nameplate | None, Scale, str],
+) -> dict[str, Figure]:
+    """Friction, bands and spring, in the signal's unit, in N and in percent of the span."""
+    kind, nameplate, scale, unit = of
     position_unit = "%" if scale.is_share else "m"
     spring = None if found is None else found.spring if found.spring > 0.0 else None
     bands = bands_of(rows, moves, seen, spring=spring, signal_unit=unit, position_unit=position_unit)
@@ -68,28 +173,12 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
         "slip_jump": bands.slip_jump,
         "slip": bands.slip.times(100.0, "%") if scale.is_share else bands.slip,
     }
+    if bands.slip.note is SLIPS_HIDDEN:
+        figures |= {name: not_known(unit, SLIPS_HIDDEN, one.count) for name, one in figures.items() if name != "slip"}
     figures |= forces(figures, unit, scale)
     figures |= percents_of_span(figures, kind, nameplate, unit)
-    figures["spring_rate"] = spring_rate(found, unit, scale)
-    figures["lag"] = _lag(recording)
-    figures["stem_lag"] = not_known("s", _RESTS)
-    return Watched(
-        rows=rows.time_s.size,
-        duration_s=float(np.ptp(rows.time_s)),
-        covered_s=rows.covered_s,
-        period_s=rows.period_s,
-        is_even=rows.is_even,
-        gaps=rows.gaps,
-        driven_by=kind,
-        position_unit=position_unit,
-        position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
-        is_reversed=is_reversed,
-        moves=moves.count,
-        breakaways=int((seen.kind == Kind.BREAKAWAY).sum()),
-        figures=figures,
-        travel=travel_of(rows, moves, travel),
-        notes=tuple(_notes(kind, nameplate, rows, is_reversed)),
-    )
+    figures["spring_rate"] = spring_rate(found, rows, seen, unit, scale)
+    return figures
 
 
 def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never_moved: str) -> Watched:
@@ -158,17 +247,18 @@ def _signal(recording: Recording, scale: Scale) -> tuple[Input, FloatArray, str]
     return Input.COMMAND, recording.command_pa, "Pa"
 
 
-def _never_moved(rows: Rows, moves: Moves, scale: Scale, subject: str) -> Message:
+def _never_moved(rows: Rows, moves: Moves, units: tuple[Scale, str], subject: str) -> Message:
+    scale, unit = units
     return say(
         "few_moves_beyond_noise",
         "{subject}: the stem made {count} moves beyond {band:.2g {unit}}, five times its noise, in {hours:.3g} h while "
-        "the signal went over {swings:.3g}; 2 are needed: record for longer, or while the set point changes",
+        "the signal went over {swings}; 2 are needed: record for longer, or while the set point changes",
         subject=subject,
         count=int(moves.count),
         band=float(moves.band),
         unit="%" if scale.is_share else "mm",
         hours=rows.covered_s / 3600.0,
-        swings=float(np.ptp(rows.signal)),
+        swings=amount(float(np.ptp(rows.signal)), unit),
     )
 
 
@@ -192,16 +282,29 @@ def _lag(recording: Recording) -> Figure:
 
 
 def _held(rows: Rows) -> list[Message]:
+    notes = []
+    if rows.repeats:
+        notes.append(
+            say(
+                "rows_repeat",
+                "{count} rows repeat both values of the row before, as an export does that holds the last report: they "
+                "are left out. Export the values as stored, without rows in between.",
+                count=rows.repeats,
+            )
+        )
+    elif rows.is_held:
+        notes.append(_BY_THEMSELVES)
     if not rows.held_s:
-        return []
+        return notes
     return [
+        *notes,
         say(
             "both_hold_one_value",
             "Position and signal hold one value for {hours:.3g} h, first after {time:.7g} s: that time is left out. If "
             "the source had stopped, look at the logger or transmitter.",
             hours=float(rows.held_s) / 3600.0,
             time=float(rows.held_from_s),
-        )
+        ),
     ]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from valve.errors import RecordingError
 from valve.messages import say
-from valve.recording import FloatArray
+from valve.recording import FloatArray, clock_set_back
 
 FEWEST_ROWS: Final = 96  # 8 periods of 12 rows
 _UNEVEN: Final = 1.8  # 90 % of the rows come within so many times the 10 % quantile of the periods, or are uneven
@@ -65,6 +65,8 @@ def loop_rows(
     pauses_s = np.diff(time_s)
     if (pauses_s <= 0.0).any():
         row = int((pauses_s <= 0.0).argmax())
+        if np.count_nonzero(pauses_s <= 0.0) == 1 and pauses_s[row] < 0.0:
+            raise RecordingError(clock_set_back(subject, row + 2, float(time_s[row]), float(time_s[row + 1])))
         raise RecordingError(
             say(
                 "time_goes_back",

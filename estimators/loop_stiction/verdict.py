@@ -16,6 +16,8 @@ from valve.recording import FloatArray
 
 # Limits of this project's own, of the benchmark ``loops``.
 _FEWEST_ROWS: Final = 12.0  # a period: fewer draw a triangle of any sine
+_SHORTEST_S: Final = 120.0  # a period: a record too short for it says nothing of a valve
+_USUAL_S: Final = 600.0  # a period: flow loops with a stuck valve swing faster, level loops slower
 _FEWEST_ROWS_OF_A_LAG: Final = 6.0
 _PROPORTIONAL_DEG: Final = 20.0  # lag of a controller whose integral action does not take part
 _BOTH_DEG: Final = 30.0  # from here on an integrating process with a stuck valve
@@ -74,16 +76,32 @@ def judged_loop(
         return LoopVerdict(Answer.CANNOT_TELL, unusable, rows, notes=notes)
     swings = oscillation_of(rows)
     if swings is None:
-        reason = say(
-            "nothing_repeats",
-            "nothing in the output repeats {cycles:g} times or more, with a period up to {longest}",
-            cycles=FEWEST_CYCLES,
-            longest=shown_time(rows.duration_s / FEWEST_CYCLES),
-        )
-        return LoopVerdict(Answer.NO_OSCILLATION, reason, rows, notes=notes)
+        return _nothing_repeats(rows, notes)
     shapes = shape_of(swings.output_halves), shape_of(swings.value_halves)
     answer, why, process = _answer(rows, swings, *shapes)
     return LoopVerdict(answer, why, rows, swings, *shapes, process, notes)
+
+
+def _nothing_repeats(rows: LoopRows, notes: tuple[str, ...]) -> LoopVerdict:
+    """No oscillation, unless the record is too short to show one."""
+    longest = shown_time(rows.duration_s / FEWEST_CYCLES)
+    if rows.duration_s < FEWEST_CYCLES * _SHORTEST_S:
+        short = say(
+            "loop_record_short",
+            "the record is {duration} long and shows periods up to {longest} alone, a stuck valve swings in minutes: "
+            "export {needed} at least",
+            duration=shown_time(rows.duration_s),
+            longest=longest,
+            needed=shown_time(FEWEST_CYCLES * _USUAL_S),
+        )
+        return LoopVerdict(Answer.CANNOT_TELL, short, rows, notes=notes)
+    reason = say(
+        "nothing_repeats",
+        "nothing in the output repeats {cycles:g} times or more, with a period up to {longest}",
+        cycles=FEWEST_CYCLES,
+        longest=longest,
+    )
+    return LoopVerdict(Answer.NO_OSCILLATION, reason, rows, notes=notes)
 
 
 def _unusable(rows: LoopRows) -> Message | None:

@@ -18,7 +18,11 @@ from tests.support.watched_days import kept
 @pytest.mark.parametrize(
     ("channel", "change", "said"),
     [
-        (1, lambda half: half / 25.4, "FV-7: the unit of the position changes after row 9000 (899.9 s): it goes"),
+        (
+            1,
+            lambda half: half / 25.4,
+            "FV-7: the unit of the position changes after row 9000 (899.9 s): its values change at once",
+        ),
         (2, lambda half: half / 14.50377, "FV-7: the unit of the signal changes after row 9000"),
         (1, lambda half: half + 2.0 * TRAVEL_M, "(9000 rows are not): correct the position's unit or its zero"),
         (

@@ -272,6 +272,7 @@ HEADER = "time_s,command_pa,position_m\n"
         ("time_s,command_pa,command_ma,position_m\n0,1,2,3\n", "both there, remove one"),
         ("0,1,2\n1,2,3\n", "row 1 holds numbers, it must be a header"),
         ("time_s;command_pa;position_m\n0;1;2\n", "stand between semicolons"),
+        ("time_s;command_pa;position_m\n", "a header line and no rows: export a time that has values"),
         ("time_s\tcommand_pa\tposition_m\n0\t1\t2\n", "stand between tabs"),
         (HEADER + "0,1,2\n1,abc,3\n", r"row 2 \(line 3 of the file\), column command_pa: 'abc' is not a number"),
         (HEADER + '0,1,2\n1,"2,5",3\n', r"row 2 .*column command_pa: '2,5' is not a number: .*decimal point"),

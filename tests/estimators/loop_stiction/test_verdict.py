@@ -237,3 +237,17 @@ def test_the_measured_hour_is_too_slow_for_its_swing_and_says_so() -> None:
     found = judged_loop(matrix[0], matrix[5], matrix[7], None, subject="LC74")
     assert found.answer is Answer.CANNOT_TELL
     assert "a period of 5.22 s has 5.22 rows" in found.reason
+
+
+def test_a_record_too_short_for_a_slow_period_says_how_long_it_should_be() -> None:
+    output, value = stuck_flow()
+    found = judged_loop(TIME_S[:200], output[:200], value[:200], subject="FIC-7")
+    assert found.answer is Answer.CANNOT_TELL
+    assert "is 6.63 min long" in found.reason
+    assert "export 80 min at least" in found.reason
+
+
+def test_a_clock_that_was_set_back_is_said_with_where_and_the_remedy() -> None:
+    time_s = np.concatenate([TIME_S[:1000], TIME_S[:1000] - 100.0])
+    with pytest.raises(RecordingError, match=r"FIC-7: the clock goes back once, by 2098 s at row 1001, .* in UTC"):
+        judged_loop(time_s, *(one[:2000] for one in stuck_flow()), subject="FIC-7")
