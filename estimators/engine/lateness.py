@@ -24,6 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _ONE_LAG: Final = 1.0e-3  # of one: two lags that differ by less are one
 _LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of the rest and the sensor's filter
+_UNSEEN_S: Final = 0.1  # a lag of which no corner tells: as on travel stops at both ends
 _LAG_SHARE: Final = 0.5
 _MOST_ALIKE: Final = 4.0
 _LONG_S: Final = 0.1  # a coasting that may be a tail
@@ -71,7 +72,7 @@ def coasting(reading: Reading) -> Coasting:
                 full_speed_s = _coasting_at_full_speed(reading, move, float(before[-1]))
                 tails.append((full_speed_s, full_speed_s / coasted_s))
     if not found:
-        return Coasting(Known(0.0, _LAG_ERROR_S), is_tail=False)
+        return Coasting(Known(0.0, _UNSEEN_S), is_tail=False)
     late_s, share = np.median(np.array(tails), axis=0).tolist() if 2 * len(tails) > len(found) else (0.0, math.inf)
     if 0.0 < share < _TAIL:
         return Coasting(Known(late_s, _LAG_ERROR_S + _LAG_SHARE * late_s), is_tail=True)
@@ -120,7 +121,7 @@ def lag_after_breakaways(reading: Reading, lag: Known, found: Balance) -> Known 
     """
     blocks = found.blocks
     since_s = _since_breakaway(reading, blocks)
-    shortest_s = max(_SHORTEST_S, lag.value + lag.std_error)
+    shortest_s = max(_SHORTEST_S, lag.value + lag.std_error if lag.value > 0.0 else 0.0)
     longest_s = _LONGEST_SHARE * float(np.max(since_s[np.isfinite(since_s)], initial=0.0))
     if longest_s < 2.0 * shortest_s:
         return None
@@ -136,7 +137,8 @@ def lag_after_breakaways(reading: Reading, lag: Known, found: Balance) -> Known 
 
     tried_s = np.geomspace(shortest_s, longest_s, 1 + math.ceil(math.log(longest_s / shortest_s) / _APART)).tolist()
     least, lag_s = min((surprise(lag_s), lag_s) for lag_s in tried_s)
-    return Known(lag_s, _LAG_SHARE * lag_s) if fit(plain, covariance).objective - least > _LIKELIER else None
+    is_one = lag_s > tried_s[0] and fit(plain, covariance).objective - least > _LIKELIER
+    return Known(lag_s, _LAG_SHARE * lag_s) if is_one else None
 
 
 def _starting(blocks: Blocks, since_s: FloatArray, variance: FloatArray, lag: Known, start_n: float) -> Problem:

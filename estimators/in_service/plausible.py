@@ -53,7 +53,7 @@ def _cannot_be(one: Figure, scatter: float) -> bool:
 
 
 def _contradicts(rate: Figure, prior: tuple[float, float] | None, unit: str, scale: Scale) -> list[Message]:
-    """One sentence where the spring rate and the nameplate's bench set differ by more than a factor of 1.5."""
+    """One sentence where the spring rate surely differs from the nameplate's bench set, by a factor."""
     factor = 1.0 if unit == "N" else scale.area_m2
     if rate.value is None or rate.ci95 is None or prior is None or factor is None:
         return []

@@ -24,6 +24,7 @@ from valve.messages import Message
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
 from valve.parameter_sets import parameter_set
+from valve.parameters import TravelStops
 from valve.recording import Recording
 from valve.waveform import multi_rate_triangle, triangle
 
@@ -126,8 +127,8 @@ def test_a_valve_whose_jumps_are_seen_has_no_effective_friction() -> None:
 
 
 def test_a_friction_that_its_balance_has_below_zero_within_its_error_is_no_wrong_sign() -> None:
-    # 0.7 % of the force, behind a stem's lag that the balance knows to +-50 %: it was told to check signs and units
-    made = random_test(2061)
+    # 1 % of the force, behind a stem's lag that rows of 50 ms show to +-50 %: it was told to check signs and units
+    made = random_test(2018)
     test = Recorded(made.recording, made.nameplate, made.truth)
     reading = read(measured_rows(test.recording).recording, test.nameplate)
     assert isinstance(reading, Reading)
@@ -135,7 +136,24 @@ def test_a_friction_that_its_balance_has_below_zero_within_its_error_is_no_wrong
     assert isinstance(basis, Basis)
     assert basis.found.known("F_c").value < 0.0
 
-    _assert_right(test, {"k": 0.001, "F_c": 0.05, "F_v": 0.02})
+    _assert_right(test, {"k": 0.001})
+    estimate = RoughFrictionEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.POOR
+    assert estimate.value("F_c") is None
+
+
+def test_a_damped_stem_that_runs_on_both_stops_shows_its_lag_in_motion_alone() -> None:
+    # no corner finds it moving: its lag was taken for hardly any, and what damps it for friction, 82 % too much
+    signal = parameter_set("graphite").nameplate.signal
+    assert signal is not None
+    test = recorded(
+        "graphite",
+        noise_m=2.0e-6,
+        waveform=triangle(8.0, 3, *signal.range_pa),
+        stops=TravelStops(0.0, 0.010),
+        preload_n=1500.0,
+    )
+    _assert_right(test, {"k": 0.001, "F_c": 0.01, "F_s": 0.02, "F_0": 0.001})
 
 
 @pytest.mark.long
