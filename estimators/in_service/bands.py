@@ -7,13 +7,14 @@ Choudhury, Thornhill & Shah (2005).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from estimators.in_service.events import Kind, Observations
-from estimators.in_service.figure import LEAST_REPEATS, Figure, mean_of_repeats, not_known
+from estimators.in_service.figure import HIDDEN, LEAST_REPEATS, Figure, mean_of_repeats, not_known
 from estimators.in_service.moves import DRIVEN_BANDS, Moves
 from estimators.in_service.rows import Rows
 from valve.messages import Message, say
@@ -26,6 +27,10 @@ SLIPS_HIDDEN: Final = say(
     "with a smaller exception limit",
 )
 _SEEN_BANDS: Final = 4.0  # times the band, 3 reports: of smaller slips the larger ones alone are seen, and slides step
+
+
+_CREPT: Final = 0.29  # of the band: the standard error of what is anywhere within it
+_ABOVE_NOISE: Final = 12.0  # times the noise: a move is seen from 5 on, and of smaller slips only the larger ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +59,15 @@ def bands_of(
     half = left[1][1:] + stopped[1][:-1]
     turned = both & (moves.began[1:] != moves.ended[:-1])
     went_on = both & (moves.began[1:] == moves.ended[:-1])
-    dead = np.array(
-        [abs(left[0][number + 1] - _turn(rows, moves, number)) for number in np.flatnonzero(turned).tolist()]
-    )
+    turn = [_turn(rows, moves, number) for number in np.flatnonzero(turned).tolist()]
+    # the farthest of many noisy rows lies beyond where the signal turned, by so much if it stayed there: half of it is
+    # taken off, and all of it may be
+    beyond = np.array([beyond for _, beyond in turn])
+    dead = np.abs(left[0][1:][turned] - np.array([at for at, _ in turn])) - 0.5 * beyond
+    # the stem is seen to leave when it has gone by the band: a slide is seen late, a slip is not
+    crept = (spring or 0.0) * moves.band
+    dead, crept = dead - 0.5 * crept, _CREPT * crept
+    unsure = math.hypot(crept, float(np.mean(beyond)) / math.sqrt(12.0) if turn else 0.0)
     turns, ons = int(turned.sum()), int(went_on.sum())
     jumps = np.abs(moves.to_level - moves.from_level)
     slipped = np.isfinite(stopped[0]) & (moves.began == moves.ended) & (moves.reached - moves.left <= _slip_rows(rows))
@@ -69,10 +80,15 @@ def bands_of(
     slip = mean_of_repeats(jumps[slipped], apart, position_unit, few_slips, _DIFFER)
     if rows.is_held and slip.value is not None and slip.value < _SEEN_BANDS * moves.band:
         slip = not_known(position_unit, SLIPS_HIDDEN, slip.count)
+    stick = mean_of_repeats(change[turned], half[turned], signal_unit, few_turns, _DIFFER, common=late, unsure=crept)
+    jump = mean_of_repeats(change[went_on], half[went_on], signal_unit, few_ons, _DIFFER, common=late)
+    if slip.value is not None and slip.value < _ABOVE_NOISE * rows.noise:
+        slip = not_known(position_unit, HIDDEN, slip.count)
+        stick, jump = (not_known(signal_unit, HIDDEN, one.count) for one in (stick, jump))
     return Bands(
-        mean_of_repeats(dead, half[turned], signal_unit, few_turns, _DIFFER, common=late),
-        mean_of_repeats(change[turned], half[turned], signal_unit, few_turns, _DIFFER, common=late),
-        mean_of_repeats(change[went_on], half[went_on], signal_unit, few_ons, _DIFFER, common=late),
+        mean_of_repeats(dead, half[turned], signal_unit, few_turns, _DIFFER, common=late, unsure=unsure),
+        stick,
+        jump,
         slip,
     )
 
@@ -99,9 +115,13 @@ def _by_move(seen: Observations, count: int, kind: Kind) -> tuple[FloatArray, Fl
     return signal, half
 
 
-def _turn(rows: Rows, moves: Moves, number: int) -> float:
-    """Where the signal turned in the rest after a move; rows of fast records are averaged over a fifth of a second."""
+def _turn(rows: Rows, moves: Moves, number: int) -> tuple[float, float]:
+    """Where the signal turned in the rest after a move, and by how much its noise alone would seem to go beyond.
+
+    Rows of fast records are averaged over a fifth of a second.
+    """
     part = rows.signal[moves.reached[number] : moves.left[number + 1] + 1]
     width = max(1, min(part.size, round(0.2 / rows.period_s)))
     smooth = np.convolve(part, np.full(width, 1.0 / width), mode="valid")
-    return float(smooth.max() if moves.ended[number] > 0 else smooth.min())
+    beyond = rows.signal_noise * float(np.sqrt(2.0 * np.log(max(part.size / width, 1.0)) / width))
+    return float(smooth.max() if moves.ended[number] > 0 else smooth.min()), beyond

@@ -17,6 +17,10 @@ LEAST_REPEATS: Final = 4  # moves from which a mean and its interval are taken
 COMMON_SHARE: Final = 0.1  # of what rows leave open: instants do not fall evenly between rows, so a part is common
 HELD_SHARE: Final = 0.5  # the same where values are held: all are late
 WIDEST: Final = 0.3  # half an interval by its value: a figure that is known to worse is not given
+HIDDEN: Final = say(
+    "friction_in_noise",
+    "it is no larger than what the noise or the steps of position and signal hide: finer or faster rows",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +94,21 @@ def estimated(
 
 
 def mean_of_repeats(
-    values: FloatArray, half_widths: FloatArray, unit: str, few: str, too_wide: str, *, common: float | None = None
+    values: FloatArray,
+    half_widths: FloatArray,
+    unit: str,
+    few: str,
+    too_wide: str,
+    *,
+    common: float | None = None,
+    unsure: float = 0.0,
 ) -> Figure:
     """Return the mean of what repeated, with Student's interval (n - 1) from its scatter.
 
     ``values``, ``half_widths`` of shape (n,): each is known to lie within its half width, as slow rows leave it. It may
     be anywhere there, so its variance is a third of the square; a tenth of the half width is common to all.
-    ``common``: half of the half width and this are, as where an export holds values.
+    ``common``: half of the half width and this are, as where an export holds values. ``unsure``: a standard error of
+    all besides.
     Values farther than 5 robust deviations from the median are left out.
     """
     if values.size < LEAST_REPEATS:
@@ -105,7 +117,7 @@ def mean_of_repeats(
     values, half_widths = values[kept], half_widths[kept]
     variance, read = float(np.var(values, ddof=1)), float(np.mean(half_widths**2)) / 3.0
     open_rows = (COMMON_SHARE if common is None else HELD_SHARE) * float(np.mean(half_widths))
-    std_error = math.sqrt(max(variance, read) / values.size + open_rows**2 + (common or 0.0) ** 2)
+    std_error = math.sqrt(max(variance, read) / values.size + open_rows**2 + (common or 0.0) ** 2 + unsure**2)
     scatter = math.sqrt(max(variance - read, 0.0))
     return estimated(
         float(values.mean()),

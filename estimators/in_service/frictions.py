@@ -8,7 +8,16 @@ import numpy as np
 
 from estimators.in_service.balance import DOWN, MOTION, SPRING, UP, Balance
 from estimators.in_service.events import Kind, Observations
-from estimators.in_service.figure import COMMON_SHARE, HELD_SHARE, LEAST_REPEATS, WIDEST, Figure, estimated, not_known
+from estimators.in_service.figure import (
+    COMMON_SHARE,
+    HELD_SHARE,
+    HIDDEN,
+    LEAST_REPEATS,
+    WIDEST,
+    Figure,
+    estimated,
+    not_known,
+)
 from estimators.in_service.result import Input, Scale
 from estimators.in_service.rows import Rows
 from valve.messages import say
@@ -18,10 +27,6 @@ from valve.recording import FloatArray
 _SPRING_KNOWN: Final = 0.15  # standard error by value: an interval of 30 %
 _REPORTED_SHARE: Final = 1.0  # of half a reported change: all reports are late in the same sense
 _SIGNAL_SHARE: Final = 0.5  # of the signal's rapid swing: the part of it that is air moves a stem, a gauge's does not
-_HIDDEN: Final = say(
-    "friction_in_noise",
-    "it is no larger than what the noise or the steps of position and signal hide: finer or faster rows",
-)
 _NEEDS_AREA: Final = say("needs_area", "needs the diaphragm's area: give a nameplate")
 _NEEDS_RANGE: Final = say(
     "needs_area_and_range", "needs the diaphragm's area and the signal's pressure range: give a nameplate"
@@ -92,7 +97,7 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
 def _too_wide(count: int, error: float, common: float) -> str:
     """Why a friction is known to worse than 30 %, by the larger of its two errors."""
     if common > error:
-        return _HIDDEN
+        return HIDDEN
     return say(
         "moves_leave_open",
         "{count} moves leave it open by more than {limit:.0f %}: more or wider moves, or the bench set",

@@ -151,3 +151,12 @@ def test_bands_and_forces_below_zero_or_scattered_beyond_their_value_are_not_kno
     assert not doubts
     above = figures | {"friction_signal": replace(good, value=5.0, ci95=(4.9, 5.1))}
     assert plausible(above, None, "Pa", Scale())[0]["breakaway_up"].value is None
+
+
+@pytest.mark.parametrize("noise", [Noise(3.0e-6, 600.0), Noise(1.0e-4, 20.0)])
+def test_strong_noise_widens_the_dead_band_and_hides_the_slips(noise: Noise) -> None:
+    # the farthest of many noisy rows lies beyond the turn, and a stem has left before it is seen to
+    found = seen(record(4.0, 1.0, noise=noise))
+    assert holds(found, "dead_band", FRICTION_PA + BREAKAWAY_PA)
+    for name in ("stick_band", "slip_jump", "slip"):
+        assert (found.figures[name].value is None) is (noise.position_m > 1.0e-5)
