@@ -18,7 +18,7 @@ from estimators.base import NORMAL_95, student_95
 from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fields
-from estimators.engine.fit import Found, equations_of, explored
+from estimators.engine.fit import LEAST_LAG_S, Found, equations_of, explored
 from estimators.engine.force_path import coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
 from estimators.engine.laws import NO_LAWS, Law, Laws
@@ -36,7 +36,6 @@ QUANTITIES: Final = ("m", "k", "F_v", "F_c", "F_s", "DV", "F_0")
 _LOGARITHMS: Final = {"m": LN_M, "k": LN_K, "F_v": LN_V, "DV": LN_DV}
 _NO_SHARE: Final = 1.0e-4  # of F_c: fields that small are none
 _IDEAL_SHARE: Final = 2.0e-3  # fields that small are left out on trial
-_LEAST_LAG_S: Final = 0.004
 _LATENESS_SHARE: Final = 0.02  # of a row's period: how well the channels of one row are of one instant
 _DOUBT: Final = 5.0
 _FINE_ROWS_S: Final = 0.004
@@ -164,7 +163,7 @@ def fitted(
     start = _start(balance, static)
     speed = float(np.median([np.median(np.abs(one.rate_n_per_s)) for one in sections.sections]))
     spring = balance.known("k").value
-    slow_s = max(lag.value, _LEAST_LAG_S)
+    slow_s = max(lag.value, LEAST_LAG_S)
     late_s = reading.path.late_s
     unsure_s = 0.5 * late_s + _LATENESS_SHARE * reading.samples.period_s
     middle_s = 0.5 * late_s if reading.path.lag_s == 0.0 else 0.0

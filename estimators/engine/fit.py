@@ -25,8 +25,8 @@ HEATS: Final = (30.0, 5.0, 1.0)
 _STEPS: Final = (6, 6, 10)
 _TRIED_SECTIONS: Final = 10
 _NEARLY: Final = 60.0  # of minus twice the logarithm of the likelihood, on some of the sections
-_HARDLY_LATE_S: Final = 0.0041
-_DAMPED_S: Final = 0.15
+LEAST_LAG_S: Final = 0.004  # of the stem, that a fit begins with where corners show none
+_DAMPED_S: Final = 0.15  # the lag of a heavily damped stem
 _MOST_KEPT: Final = 2
 _TRIED_STEPS: Final = 5  # that show whether other times can be as likely
 _SAME: Final = 0.3  # of a logarithm: fits so near on some of the sections are one on all
@@ -400,19 +400,15 @@ def _near_its_limit(unknowns: Unknowns, slow_s: float, speed_m_per_s: float, lim
     """
     share = _NEAR_LIMIT if limit_share is None else limit_share
     longer_s = slow_s if limit_share is not None else slow_s * math.log(2.0) / math.log(2.0 / (1.0 + share))
-    near = _with_times(unknowns, longer_s, 0.002, 0.004)
-    parameters = near.parameters
-    parameters[LN_DV] = math.log(share * max(speed_m_per_s, 1.0e-9))
-    # the friction in motion stays the same: what F_v takes is not F_c's
-    moved_n = math.exp(parameters[LN_K]) * (longer_s - slow_s) * speed_m_per_s
-    parameters[FC] = max(parameters[FC] - moved_n, 0.1 * parameters[FC])
-    return replace(near, parameters=np.clip(parameters, LOW, HIGH))
+    near = _damped(unknowns, slow_s, longer_s, speed_m_per_s)
+    near.parameters[LN_DV] = math.log(share * max(speed_m_per_s, 1.0e-9))
+    return replace(near, parameters=np.clip(near.parameters, LOW, HIGH))
 
 
-def _damped(unknowns: Unknowns, slow_s: float, speed_m_per_s: float) -> Unknowns:
-    """The same friction at this speed, most of it of a heavily damped stem."""
-    out = _with_times(unknowns, _DAMPED_S, 0.002, 0.004)
-    moved_n = math.exp(out.parameters[LN_K]) * (_DAMPED_S - slow_s) * speed_m_per_s
+def _damped(unknowns: Unknowns, slow_s: float, longer_s: float, speed_m_per_s: float) -> Unknowns:
+    """The same friction in motion at this speed, with a longer lag: what F_v takes is not F_c's."""
+    out = _with_times(unknowns, longer_s, 0.002, 0.004)
+    moved_n = math.exp(out.parameters[LN_K]) * (longer_s - slow_s) * speed_m_per_s
     out.parameters[FC] = max(out.parameters[FC] - moved_n, 0.1 * out.parameters[FC])
     return out
 
@@ -451,8 +447,8 @@ def explored(
     ]
     starts += [_with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in others]
     starts.append(_near_its_limit(few, slow_s, speed_m_per_s, limit_share))
-    if slow_s <= _HARDLY_LATE_S:  # no corner showed a lag: on travel stops at both ends it may be anything
-        starts.append(_damped(few, slow_s, speed_m_per_s))
+    if slow_s <= LEAST_LAG_S:  # no corner showed a lag: on travel stops at both ends it may be anything
+        starts.append(_damped(few, slow_s, _DAMPED_S, speed_m_per_s))
     if not model.settings.several_starts:
         starts = starts[:1]
     found = together(some, starts, some_paths)

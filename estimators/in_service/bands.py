@@ -27,8 +27,6 @@ SLIPS_HIDDEN: Final = say(
     "with a smaller exception limit",
 )
 _SEEN_BANDS: Final = 4.0  # times the band, 3 reports: of smaller slips the larger ones alone are seen, and slides step
-
-
 _CREPT: Final = 0.29  # of the band: the standard error of what is anywhere within it
 _ABOVE_NOISE: Final = 12.0  # times the noise: a move is seen from 5 on, and of smaller slips only the larger ones
 

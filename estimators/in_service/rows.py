@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.data_faults.changed_unit import require_one_unit
 from estimators.in_service.exports import is_uneven, longest_silence_s, require_measured, together, without_repeats
 from valve.errors import RecordingError
 from valve.messages import say
@@ -21,9 +22,6 @@ _LEAST_GAP_S: Final = 2.0
 _LONGEST_PAUSE_S: Final = 7.0 * 86400.0
 _LONGEST_HELD_S: Final = 3600.0  # that both channels may hold one value, as coarse ones do where a loop is quiet
 _BEYOND_TRAVEL: Final = 0.25  # of the travel: overtravel and a shifted zero stay within
-#: Between units of length and of pressure.
-UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
-LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
 _REPORTS: Final = 7.0  # noise in the least change that is reported: each report is a move, of five times the noise
 _WINDOW_ROWS: Final = 16
 _QUIET_SHARE: Final = 0.3  # of the windows: a valve in service rests that often
@@ -86,8 +84,8 @@ def rows_of(time_s: FloatArray, position: FloatArray, signal: FloatArray, *, sub
                 needed=FEWEST,
             )
         )
-    _require_one_unit("position", position, signal, time_s, subject)
-    _require_one_unit("signal", signal, position, time_s, subject)
+    require_one_unit(say("position", "position"), position, signal, time_s, subject)
+    require_one_unit(say("signal", "signal"), signal, position, time_s, subject)
     require_measured(time_s, position, subject)
     kept = without_repeats(position, signal)
     repeats = int((~kept).sum())
@@ -205,35 +203,3 @@ def require_inside(position: FloatArray, travel: float | None, subject: str) -> 
                 count=int(beyond.size),
             )
         )
-
-
-def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: FloatArray, subject: str) -> None:
-    """Raise RecordingError where a channel goes on at once in another unit while the other channel stays."""
-    least = 1.0e-6 * float(np.abs(values).max())
-    before, after = np.abs(values[:-1]), np.abs(values[1:])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where((before > least) & (after > least), np.maximum(before / after, after / before), 1.0)
-    rows = np.flatnonzero(ratio > 5.0)
-    span = float(np.ptp(other))
-    for row in rows[:200].tolist():
-        near = [known for known in UNIT_RATIOS if abs(ratio[row] / known - 1.0) <= LIKE_RATIO]
-        side = min(row + 1, values.size - row - 1, 200)
-        if not near or side < 10:
-            continue
-        first, last = np.abs(values[row + 1 - side : row + 1]), np.abs(values[row + 1 : row + 1 + side])
-        levels = np.sort([float(np.median(first)), float(np.median(last))])
-        stays = abs(float(other[row + 1] - other[row])) <= 0.05 * span
-        if stays and levels[0] > 0.0 and abs(levels[1] / levels[0] / near[0] - 1.0) <= 0.3:
-            raise RecordingError(
-                say(
-                    "unit_changes",
-                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): its values change at "
-                    "once by a factor of {factor:.4g} and stay so, while the other channel stays: cut the file there, "
-                    "or write one unit",
-                    subject=subject,
-                    channel=name,
-                    row=int(row) + 1,
-                    time=float(time_s[row]),
-                    factor=float(near[0]),
-                )
-            )

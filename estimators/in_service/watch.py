@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -64,15 +66,30 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
     moves = moves_of(rows)
     prior = spring_prior(kind, nameplate, scale, unit)
     rows, moves, stops = _without_stops(rows, moves, travel, prior)
+    left_out = (*(fault.sentence for fault in faults), *stops)
     if moves.count < 2:
-        return _restless(recording, rows, kind, scale, _never_moved(rows, moves, (scale, unit), subject))
+        restless = _restless(recording, rows, kind, scale, _never_moved(rows, moves, (scale, unit), subject))
+        return replace(restless, notes=(*left_out, *restless.notes))
     found, rows, moves, seen, is_reversed = _balance(rows, moves, travel, prior)
     _require_one_line(seen, unit, subject)
     figures = _figures(found, rows, moves, seen, (kind, nameplate, scale, unit))
     figures["lag"] = _lag(recording)
     figures["stem_lag"] = not_known("s", _RESTS)
     figures, doubts = plausible(figures, prior, unit, scale)
-    return Watched(
+    return _of_record(rows, kind, scale)(
+        is_reversed=is_reversed,
+        moves=moves.count,
+        breakaways=int((seen.kind == Kind.BREAKAWAY).sum()),
+        figures=figures,
+        travel=travel_of(rows, moves, travel),
+        notes=(*doubts, *left_out, *_notes(kind, nameplate, rows, is_reversed)),
+    )
+
+
+def _of_record(rows: Rows, kind: Input, scale: Scale) -> Callable[..., Watched]:
+    """Return what is filled with the figures: all that the record itself says is in it."""
+    return partial(
+        Watched,
         rows=rows.time_s.size,
         duration_s=float(np.ptp(rows.time_s)),
         covered_s=rows.covered_s,
@@ -82,12 +99,6 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
         driven_by=kind,
         position_unit="%" if scale.is_share else "m",
         position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
-        is_reversed=is_reversed,
-        moves=moves.count,
-        breakaways=int((seen.kind == Kind.BREAKAWAY).sum()),
-        figures=figures,
-        travel=travel_of(rows, moves, travel),
-        notes=(*doubts, *(fault.sentence for fault in faults), *stops, *_notes(kind, nameplate, rows, is_reversed)),
     )
 
 
@@ -208,16 +219,7 @@ def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never
     figures = {name: not_known(unit, why) for name, unit in units.items()}
     figures |= {"lag": _lag(recording), "stem_lag": stem_lag}
     way = travel_of(rows, nothing, travel)
-    return Watched(
-        rows=rows.time_s.size,
-        duration_s=float(np.ptp(rows.time_s)),
-        covered_s=rows.covered_s,
-        period_s=rows.period_s,
-        is_even=rows.is_even,
-        gaps=rows.gaps,
-        driven_by=kind,
-        position_unit="%" if scale.is_share else "m",
-        position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
+    return _of_record(rows, kind, scale)(
         is_reversed=follows[0].value is None,
         moves=way.moves,
         breakaways=0,

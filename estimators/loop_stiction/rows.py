@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.data_faults.changed_unit import require_one_unit
 from valve.errors import RecordingError
 from valve.messages import say
 from valve.recording import FloatArray, clock_set_back
@@ -46,7 +47,7 @@ def loop_rows(
     """Return the longest stretch of rows without a gap; arrays of shape (n,), NaN for a missing value.
 
     Rows that come by report, unevenly, are interpolated and marked as drawn.
-    Raises RecordingError for a clock that goes back, and for fewer than 96 rows in the stretch.
+    Raises RecordingError for a clock that goes back, a unit that changes, and for fewer than 96 rows in the stretch.
     """
     both = np.isfinite(time_s) & np.isfinite(output) & np.isfinite(value)
     time_s, output, value = time_s[both], output[both], value[both]
@@ -77,6 +78,8 @@ def loop_rows(
                 after=float(time_s[row + 1]),
             )
         )
+    require_one_unit(say("output", "output"), output, value, time_s, subject)
+    require_one_unit(say("process_value", "process value"), value, output, time_s, subject)
     short_s, long_s = np.quantile(pauses_s, (0.1, 0.9))
     is_even = bool(long_s <= _UNEVEN * short_s)
     period_s = float(np.median(pauses_s))

@@ -251,3 +251,12 @@ def test_a_clock_that_was_set_back_is_said_with_where_and_the_remedy() -> None:
     time_s = np.concatenate([TIME_S[:1000], TIME_S[:1000] - 100.0])
     with pytest.raises(RecordingError, match=r"FIC-7: the clock goes back once, by 2098 s at row 1001, .* in UTC"):
         judged_loop(time_s, *(one[:2000] for one in stuck_flow()), subject="FIC-7")
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_a_unit_that_changes_in_the_middle_is_refused_and_not_called_no_oscillation(channel: int) -> None:
+    channels = [one[:2000].copy() for one in stuck_flow()]
+    channels[channel][1000:] /= 100.0
+    name = ("output", "process value")[channel]
+    with pytest.raises(RecordingError, match=rf"the unit of the {name} changes after row 1000 .* a factor of 100 "):
+        judged_loop(TIME_S[:2000], *channels, subject="FIC-7")
