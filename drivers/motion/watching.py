@@ -128,9 +128,11 @@ class Watching:
                 buses[name] = WatchedBus(self._addresses[name], after_s)
             return buses[name]
 
-        for wiring in wanted.values():
+        for number, wiring in enumerate(wanted.values()):
             with suppress(ConfigurationError):  # a plant file that has it is refused
-                valves.append(_Valve(wiring, self._addresses, bus_of, self._software, self.slots[wiring.tag]))
+                valve = _Valve(wiring, self._addresses, bus_of, self._software, self.slots[wiring.tag])
+                valve.hand_on_first_after(number / len(wanted))
+                valves.append(valve)
         rounds: defaultdict[str, list[_Valve]] = defaultdict(list)
         for valve in valves:
             rounds[valve.home].append(valve)
@@ -229,6 +231,7 @@ class _Valve:
         self._offset_s = 0.0
         self._rows: list[Row] = []
         self._block = max(_LEAST_BLOCK, round(_BLOCK_S / self.rules.period_s))
+        self._hands_on_at = self._block  # rows
         self._failures = 0
         self._blind = 0  # answers in a row that had no position
         self._proven: tuple[int, ...] = ()
@@ -258,13 +261,19 @@ class _Valve:
         self._slots.missed += missed
         at_s = 0.5 * (sample.sent_s + sample.received_s) + self._offset_s
         self._rows.append((at_s, sample.position_m, sample.pressure_pa, sample.output_pa))
-        if len(self._rows) >= self._block:
+        if len(self._rows) >= self._hands_on_at:
             self.hand_on(keeper)
         return due_s + (missed + 1) * period_s
 
+    def hand_on_first_after(self, share: float) -> None:
+        """Hand the first rows on after this share of a block: those of hundreds of valves at once delay all reads."""
+        self._hands_on_at = max(_LEAST_BLOCK, round(share * self._block))
+
     def hand_on(self, keeper: WatchKeeper) -> None:
         """Let what was read go to the disk."""
-        rows, self._rows = self._rows, []
+        if not self._rows:
+            return
+        rows, self._rows, self._hands_on_at = self._rows, [], self._block
         if self._span is not None:
             keeper.take(self._kept_by, self._span, rows)
 

@@ -7,6 +7,7 @@ import os
 import pty
 import time
 import tty
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
@@ -19,9 +20,10 @@ import structlog
 from drivers.addresses import GaugeAddress, Parity, Point, RtuAddress, TcpAddress
 from drivers.motion.bus_lock import BusLocks
 from drivers.motion.watch_file import days_in, read_watch_file
+from drivers.motion.watch_keeper import Row, WatchedValve, WatchKeeper
 from drivers.motion.watched_bus import WatchedBus
 from drivers.transport import ReadTransport
-from drivers.watch_rules import WatchRules
+from drivers.watch_rules import WatchRules, WatchSpan
 from tests.support.played_device import WIRING
 from tests.support.reference_device import ReferenceDevice
 from tests.support.slave import Fault, RawSlave, SerialPort, TcpPort
@@ -175,6 +177,27 @@ async def test_a_plant_file_that_is_read_again_is_taken_over(
         asked = len(slave.requests)
         await asyncio.sleep(0.1)
         assert len(slave.requests) == asked
+
+
+async def test_valves_that_begin_together_hand_their_samples_on_one_after_the_other(
+    quick_path: Path,
+    slave: RawSlave,
+    device: ReferenceDevice,
+    address: TcpAddress,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # the samples of 200 valves at once kept all reads waiting for 0.2 s
+    rules = WatchRules(0.1)  # a block of 50 rows
+    wirings = [replace(WATCHED, tag=f"FV-{number}", watch=rules) for number in range(4)]
+    first: dict[str, int] = {}
+
+    def take(_keeper: WatchKeeper, valve: WatchedValve, _span: WatchSpan, rows: Sequence[Row]) -> None:
+        first.setdefault(valve.tag, len(rows))
+
+    monkeypatch.setattr(WatchKeeper, "take", take)
+    async with watching(quick_path, address, *wirings):
+        await until(lambda: len(first) == len(wirings), "a block of each")
+    assert first == {"FV-0": 12, "FV-1": 12, "FV-2": 25, "FV-3": 38}
 
 
 class SetClock(datetime):
