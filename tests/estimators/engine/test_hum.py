@@ -11,6 +11,7 @@ import pytest
 
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.hum import without_hum
+from tests.support.random_valves import random_test
 from tests.support.rough_valves import case
 
 FloatArray = npt.NDArray[np.float64]
@@ -76,3 +77,10 @@ def test_a_hum_is_no_stem_that_swings() -> None:
     assert coulomb.value == pytest.approx(truth["F_c"], rel=0.2)
     assert coulomb.ci95 is not None
     assert coulomb.ci95[0] <= truth["F_c"] <= coulomb.ci95[1]
+
+
+@pytest.mark.parametrize("seed", [2098, 2174, 2184])
+def test_the_lines_of_a_stem_that_slips_again_and_again_are_no_hum(seed: int) -> None:
+    recording = random_test(seed).recording
+
+    assert without_hum(recording.time_s, recording.position_m) is recording.position_m
