@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,6 @@ _ROUNDING: Final = 1.0e-9  # of the range: below it a channel is computed and no
 _MOST_STEPS: Final = 1.0e7  # from the first value to the furthest: a grid finer than any converter's is rounding
 _WIDER: Final = 3.0
 _OFF_GRID: Final = 0.08  # of a step: 24 bits of single precision on the steps of a 16-bit converter leave 0.004
-_MAD_TO_SIGMA: Final = 1.4826  # of the normal distribution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,11 +106,11 @@ def position_noise(time_s: FloatArray, position_m: FloatArray, run_first: IntArr
     return noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0
 
 
-def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray) -> float:
+def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray, share: float = 0.5) -> float:
     """White noise of a channel, one standard deviation, by its 4th differences.
 
-    The median absolute value of the 4th divided differences, each scaled to unit variance; they vanish for a
-    smooth motion also where the samples are uneven.
+    By the size that this share of the 4th divided differences stays below, each scaled to unit variance; they vanish
+    for a smooth motion also where the samples are uneven.
     """
     inside = np.flatnonzero(run_first[4:] == run_first[:-4])
     if inside.size < 8:
@@ -120,7 +120,7 @@ def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray) 
         fourth = np.abs(np.diff(channel, 4)[inside[:: 1 + inside.size // _ENOUGH_DIFFERENCES]]) / np.sqrt(70.0)
     else:
         fourth = _fourth_divided(time_s, channel)[inside]
-    return _MAD_TO_SIGMA * float(np.median(fourth))
+    return float(np.quantile(fourth, share)) / NormalDist().inv_cdf(0.5 + 0.5 * share)
 
 
 def _fourth_divided(time_s: FloatArray, channel: FloatArray) -> FloatArray:

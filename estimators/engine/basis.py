@@ -14,8 +14,8 @@ from estimators.engine.balance import Balance, Blocks, balance, driven_blocks
 from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
 from estimators.engine.commanded import command_path, is_commanded, with_likely_path
-from estimators.engine.dynamic import PathToFit
 from estimators.engine.lateness import coasting, lag_after_breakaways, stops_at
+from estimators.engine.laws import PathToFit
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.rests import balance_of_rests
@@ -28,6 +28,7 @@ _YIELDS: Final = 2.0e-5  # of the travel: less changes m and F_v by no more than
 _SLOWLY_YIELDS: Final = 1.0e-4  # the same of a heavily damped stem: it starts so slowly that its bristles hardly show
 _SLOW_S: Final = 0.1
 _LEFT_OF_BRISTLES: Final = 0.004  # of F_c: what they leave in the rows of a stem that slides
+_UNSEEN_PATH_S: Final = 0.2  # what an I/P is late by, with twice as much of error, where no slide shows it
 _LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 
 
@@ -55,6 +56,8 @@ def of_slides(reading: Reading) -> Basis | Outcome:
     if mostly_slips(reading):
         # no slip is a slide that has settled, however long a damped stem takes for it
         lag = max(lag, lag_of_slips(reading), key=lambda one: one.value)
+        if is_commanded(reading):  # and of the I/P's lag nothing shows
+            lag = Known(lag.value + _UNSEEN_PATH_S, math.hypot(lag.std_error, 2.0 * _UNSEEN_PATH_S))
     reading, lag, path = _with_path(reading, lag)
     found = _balance(reading, lag, driven_blocks(reading, lag))
     if found is not None and path is None and (soft := _on_bristles(reading, lag, found)) is not None:
@@ -67,7 +70,10 @@ def of_slides(reading: Reading) -> Basis | Outcome:
         if settled is not None:
             found, lag, limit_share = settled, late, stops_at(late.value, lag.value)
     if found is None:
-        found, lag = balance_of_slips(reading), lag_of_slips(reading)
+        if path is None:
+            found, lag = balance_of_slips(reading), lag_of_slips(reading)
+        else:
+            found = balance_of_slips(reading, lag)
     if found is None:
         return Outcome.NO_UNIFORM_MOTION
     static = static_friction(breakaways(reading), found, lag if path else None)

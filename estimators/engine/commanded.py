@@ -18,9 +18,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from estimators.engine.dynamic import PathToFit
 from estimators.engine.force_path import GAUGE_LAG_S, Source, lagged, restarts_of
-from estimators.engine.laws import Law, LawParameter, Where
+from estimators.engine.laws import Law, LawParameter, PathToFit, Where
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 
@@ -32,6 +31,7 @@ _DEAD_S: Final = 0.05
 _MOST_DEAD_S: Final = 5.0
 _SHARE: Final = 0.5  # of the whole lateness: what the path is given before it is fitted
 _OTHER_SHARES: Final = (0.15, 0.85)  # that the fit begins with too
+_UNSEEN_LAGS_S: Final = (0.5, 1.0)  # the same where no slide shows how late the stem is
 _START_DEAD_S: Final = 1.0e-3
 _REMEMBERED: Final = 8
 _LOG_STEP: Final = 1.0e-3
@@ -138,9 +138,10 @@ def command_path(as_recorded: Reading, likely: Reading, lag: Known) -> PathToFit
             LawParameter("dead time", "s", 0.0, _MOST_DEAD_S, 0.0, _DEAD_S, _START_DEAD_S, _TIME_STEP_S),
         ),
     )
-    return PathToFit(
-        law, tuple((_start(lag, share), max((1.0 - share) * lag.value, _SHORTEST_S)) for share in _OTHER_SHARES)
-    )
+    others = [(_start(lag, share), max((1.0 - share) * lag.value, _SHORTEST_S)) for share in _OTHER_SHARES]
+    if lag.std_error > lag.value:  # no corner shows it
+        others += [(np.array([math.log(lag_s), _START_DEAD_S]), _SHORTEST_S) for lag_s in _UNSEEN_LAGS_S]
+    return PathToFit(law, tuple(others), lag_at=0)
 
 
 def with_gauged_path(reading: Reading) -> tuple[Reading, PathToFit | None]:

@@ -21,7 +21,7 @@ from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fie
 from estimators.engine.fit import LEAST_LAG_S, Found, equations_of, explored
 from estimators.engine.force_path import coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
-from estimators.engine.laws import NO_LAWS, Law, Laws
+from estimators.engine.laws import NO_LAWS, Laws, PathToFit
 from estimators.engine.model import Model, Unknowns
 from estimators.engine.noise import position_noise_at_rest
 from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Known, prior_of
@@ -80,14 +80,6 @@ class Dynamic:
     fits: int  # that are mixed
     residual_rms_m: float
     creeping: dict[str, float]  # what a stem that creeps leaves open of k, F_c, F_s, F_0, F_v: standard errors
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PathToFit:
-    """A law of the force's path, and other starts of it, each with the stem's lag that goes with it, s."""
-
-    law: Law
-    others: tuple[tuple[FloatArray, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +181,7 @@ def fitted(
             slow_s=slow_s,
             speed_m_per_s=speed / spring,
             prior=balance.prior.near(balance.roughness),
-            others=path.others if path else (),
+            path=path,
             limit_share=limit_share,
         )
     return sorted((one for one in fits if math.isfinite(one.surprise)), key=lambda one: one.surprise)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from estimators.engine.fields import no_fields
 from estimators.engine.hyperparameters import Equations, field_likelihood, refined
+from estimators.engine.laws import PathToFit
 from estimators.engine.model import Linearised, Model, Path, Unknowns
 from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
 from estimators.engine.roughness import ROUGH, SMOOTH, RoughnessPrior
@@ -393,6 +393,17 @@ def permuted(unknowns: Unknowns) -> list[Unknowns]:
     return [_with_times(unknowns, max(a, b), max(min(a, b), 2.0e-4), max(c, 2.0e-4)) for a, b, c in shared]
 
 
+def exchanged(unknowns: Unknowns, path: PathToFit | None) -> list[Unknowns]:
+    """The stem's lag in the place of the fitted path's, and the other way round; nothing where no path is fitted."""
+    if path is None or path.lag_at is None:
+        return []
+    lag_s, laws = math.exp(unknowns.laws[path.lag_at]), unknowns.laws.copy()
+    laws[path.lag_at] = unknowns.parameters[LN_V] - unknowns.parameters[LN_K]
+    out = _with_times(replace(unknowns, laws=laws), max(lag_s, 2.0e-3), 0.002, 0.004)
+    out.parameters[FS] = min(out.parameters[FS], 1.1 * out.parameters[FC])
+    return [out]
+
+
 def _near_its_limit(unknowns: Unknowns, slow_s: float, speed_m_per_s: float, limit_share: float | None) -> Unknowns:
     """A stem driven at hardly more than DV: it stops at DV, long before it would turn, so that its lag is longer.
 
@@ -421,14 +432,14 @@ def explored(
     slow_s: float,
     speed_m_per_s: float,
     prior: RoughnessPrior,
-    others: Sequence[tuple[FloatArray, float]] = (),
+    path: PathToFit | None = None,
     limit_share: float | None = None,
 ) -> list[Found]:
     """Return the fits from all assignments of the three times, the likeliest first.
 
     ``slow_s`` is the lag of the stem that turns back at a corner, ``speed_m_per_s`` its usual speed.
-    ``others`` are other starts of the laws, each with its lag of the stem, s. ``limit_share`` is DV over that speed
-    where it is known beforehand.
+    ``path`` is the law of the force's path where that is fitted, too. ``limit_share`` is DV over that speed where it is
+    known beforehand.
 
     They are tried on some of the sections; the likeliest, and those that are nearly so, go on with all.
     """
@@ -445,7 +456,9 @@ def explored(
         _with_times(few, slow_s, quick_s, filter_s)
         for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
     ]
-    starts += [_with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in others]
+    starts += [
+        _with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in (path.others if path else ())
+    ]
     starts.append(_near_its_limit(few, slow_s, speed_m_per_s, limit_share))
     if slow_s <= LEAST_LAG_S:  # no corner showed a lag: on travel stops at both ends it may be anything
         starts.append(_damped(few, slow_s, _DAMPED_S, speed_m_per_s))
@@ -476,7 +489,8 @@ def explored(
     whole = [best]
     # the same motion by other times, with all else as the likeliest fit has it
     squares = best.model.squares(best.unknowns, best.paths)
-    for one in permuted(best.unknowns) if model.settings.permuted else []:
+    others = [*permuted(best.unknowns), *exchanged(best.unknowns, path)]
+    for one in others if model.settings.permuted else []:
         near, near_paths, left = descend(best.model, one, best.paths, _TRIED_STEPS, _NEARLY_DONE)
         if left < squares + _NEARLY:
             whole.append(annealed(best.model, near, near_paths, HEATS[-1:], prior=prior, rounds=1))

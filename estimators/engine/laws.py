@@ -103,6 +103,18 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PathToFit:
+    """A law of the force's path, and other starts of it, each with the stem's lag that goes with it, s.
+
+    ``lag_at`` is the place of the path's lag, as a logarithm, among the law's values; None where it has none.
+    """
+
+    law: Law
+    others: tuple[tuple[FloatArray, float], ...]
+    lag_at: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Laws:
     """Several laws, whose parameters follow one another in one vector, shape (p,)."""
 

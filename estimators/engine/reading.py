@@ -14,13 +14,15 @@ from estimators.engine.force_path import ForcePath, force_path
 from estimators.engine.hum import without_hum
 from estimators.engine.rows import runs_between_gaps
 from estimators.engine.segmentation import Segmentation, segment
-from estimators.samples import Samples, prepare
+from estimators.samples import Samples, channel_noise, prepare
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
 _LEAST_NOISE: Final = 1.0e-5  # of the position's range: what the model itself leaves
+_QUIETEST: Final = 0.1  # of the rows
+_QUIETER: Final = 0.5  # than the usual ones: of white noise both are alike
 _MOVED_SIGMAS: Final = 11.0  # chance makes a range of 9 of a stem at rest in 60,000 rows
 _CHANGED_SIGMAS: Final = 11.0
 _EVEN: Final = 1.0e-3
@@ -72,7 +74,7 @@ def read(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
     position_m = without_hum(samples.time_s, samples.position_m)
     samples = replace(samples, run_first=run_first, run_last=run_last, position_m=position_m)
     has_spring = nameplate.actuator.action is Action.SPRING
-    noise_m = max(samples.position_noise_m, 1.0e-7 * float(np.ptp(samples.position_m)))
+    noise_m = max(_position_noise(samples), 1.0e-7 * float(np.ptp(samples.position_m)))
     if not float(np.ptp(samples.position_m)) > _MOVED_SIGMAS * noise_m:
         return Outcome.NEVER_MOVED
     if not float(np.ptp(samples.force_n)) > _CHANGED_SIGMAS * samples.force_noise_n:
@@ -104,6 +106,13 @@ def read(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
     if has_spring and spring <= 0.0:
         return Outcome.UNPHYSICAL
     return Reading(samples, path, segmentation, spring, noise_m, nameplate.actuator.travel_m)
+
+
+def _position_noise(samples: Samples) -> float:
+    """White noise of the position, m: of a stem that slips every few rows, most of which show that, the quietest's."""
+    usual_m = samples.position_noise_m
+    quiet_m = channel_noise(samples.time_s, samples.position_m, samples.run_first, _QUIETEST)
+    return max(quiet_m, samples.position_step_m / math.sqrt(12.0)) if quiet_m < _QUIETER * usual_m else usual_m
 
 
 def _rough_spring(samples: Samples, force_n: FloatArray, sense: FloatArray) -> float:

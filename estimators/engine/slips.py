@@ -21,6 +21,7 @@ _FEWEST: Final = 10
 # slip is damped, and it may rest at its limit velocity sooner.
 _OVERSHOOT: Final = (0.5, 0.3)
 _SLOW_S, _SLOW_OVERSHOOT = 0.1, (0.0, 0.3)
+_INSTANTS: Final = Known(0.0, LATENESS_S)
 _LAG_SHARE: Final = 0.2  # of a slip's duration
 _MOSTLY: Final = 0.8  # of the moves
 _REACH_S, _REACH_ROWS = 0.05, 3.0  # to either side of a move's end, over which it is asked whether the force goes on
@@ -47,8 +48,11 @@ def mostly_slips(reading: Reading) -> bool:
     return slips >= max(_FEWEST, _MOSTLY * len(moves))
 
 
-def balance_of_slips(reading: Reading) -> Balance | None:
-    """Return the balance of a stem that slips both ways from rest to rest, None with too few breakaways."""
+def balance_of_slips(reading: Reading, lag: Known = _INSTANTS) -> Balance | None:
+    """Return the balance of a stem that slips both ways from rest to rest, None with too few breakaways.
+
+    ``lag`` is how much later than said the force may be, s.
+    """
     began = breakaways(reading)
     count = began.time_s.size
     slipped_m = [abs(move.distance_m) for move in reading.segmentation.breakaways if move.next_rest >= 0]
@@ -62,7 +66,7 @@ def balance_of_slips(reading: Reading) -> Balance | None:
         travel_m=reading.travel_m,
         has_spring=True,
         force_noise_n=reading.path.noise_n,
-        lag=Known(0.0, LATENESS_S),
+        lag=lag,
     )
     if found is None or found.known("k").value <= 0.0:
         return None
