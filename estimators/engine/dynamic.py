@@ -317,7 +317,7 @@ def mixed(reading: Reading, fits: list[Found], prior: RoughnessPrior, breakaways
         best.model.scatter_n,
         best,
         len(fits),
-        best.model.residual_rms(best.unknowns, best.paths),
+        best.model.residual_rms(best.unknowns, best.paths, reading.noise_m),
         _creeping(best) if best.model.settings.creeping else {},
     )
 

@@ -29,6 +29,7 @@ LEAST_LAG_S: Final = 0.004  # of the stem, that a fit begins with where corners 
 _DAMPED_S: Final = 0.15  # the lag of a heavily damped stem
 _MOST_KEPT: Final = 2
 _TRIED_STEPS: Final = 5  # that show whether other times can be as likely
+_EXCHANGED_STEPS: Final = 25  # the same where each breakaway has another instant, too
 _SAME: Final = 0.3  # of a logarithm: fits so near on some of the sections are one on all
 _EQUAL: Final = 0.05
 _MET: Final = 0.02  # the same for fits that go the same way from here on
@@ -489,9 +490,10 @@ def explored(
     whole = [best]
     # the same motion by other times, with all else as the likeliest fit has it
     squares = best.model.squares(best.unknowns, best.paths)
-    others = [*permuted(best.unknowns), *exchanged(best.unknowns, path)]
-    for one in others if model.settings.permuted else []:
-        near, near_paths, left = descend(best.model, one, best.paths, _TRIED_STEPS, _NEARLY_DONE)
+    others = [(one, _TRIED_STEPS) for one in permuted(best.unknowns)]
+    others += [(one, _EXCHANGED_STEPS) for one in exchanged(best.unknowns, path)]
+    for one, steps in others if model.settings.permuted else []:
+        near, near_paths, left = descend(best.model, one, best.paths, steps, _NEARLY_DONE)
         if left < squares + _NEARLY:
             whole.append(annealed(best.model, near, near_paths, HEATS[-1:], prior=prior, rounds=1))
     whole += [

@@ -499,11 +499,15 @@ class Model:
             left.append(self._off(number, unknowns, path, sensed_m))
         return left
 
-    def residual_rms(self, unknowns: Unknowns, paths: list[Path]) -> float:
-        """Root mean square of measured minus modelled position, the fields and rests as found, m."""
+    def residual_rms(self, unknowns: Unknowns, paths: list[Path], white_m: float) -> float:
+        """Root mean square of measured minus modelled position, the fields and rests as found, m.
+
+        ``white_m`` is the noise of a row, of which the means of many rows keep little.
+        """
         left = self._left(unknowns, paths)
-        weight = np.concatenate([section.rows for section in self.sections.sections])
-        return float(np.sqrt(weight @ np.concatenate(left) ** 2 / weight.sum()))
+        rows = np.concatenate([section.rows for section in self.sections.sections])
+        squares = rows @ np.concatenate(left) ** 2 + white_m**2 * (rows - 1.0).sum()
+        return float(np.sqrt(squares / rows.sum()))
 
     def breakaway_residuals(self, unknowns: Unknowns, paths: list[Path]) -> FloatArray:
         """Residuals of the breakaways' forces, N, shape (n,)."""

@@ -87,7 +87,7 @@ def sections_of(reading: Reading, lag: Known) -> Sections:
     knots = reading.path.knots(reading.time_s)
     made = []
     for move in moves:
-        one = _section(reading, move, near_s, knots)
+        one = _section(reading, move, near_s, _unseen_s(reading, move, lag), knots)
         if one is not None:
             made.append(one)
     lengths = np.unique(np.concatenate([np.diff(one.time_s) for one in made])) if made else np.empty(0)
@@ -111,7 +111,21 @@ def _followed(moves: list[Move]) -> list[Move]:
     return [moves[at] for at in sorted(chosen)]
 
 
-def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArray, FloatArray]) -> Section | None:
+def _unseen_s(reading: Reading, move: Move, lag: Known) -> float:
+    """How long before it was seen a stem may have broken away, s: so long its lag keeps it within the noise."""
+    time_s, force_n = reading.time_s, reading.path.force_n
+    reach_s = max(_BEFORE_S, 2.0 * reading.samples.period_s)
+    before_n, after_n = np.interp([move.began_s - reach_s, move.began_s + reach_s], time_s, force_n).tolist()
+    rate = move.direction * (after_n - before_n) / (2.0 * reach_s)
+    if rate <= 0.0 or reading.spring_n_per_m <= 0.0:
+        return _BEFORE_S
+    unseen_s = math.sqrt(2.0 * lag.value * reading.segmentation.band_m * reading.spring_n_per_m / rate)
+    return max(_BEFORE_S, min(unseen_s, lag.value))
+
+
+def _section(
+    reading: Reading, move: Move, near_s: float, unseen_s: float, knots: tuple[FloatArray, FloatArray]
+) -> Section | None:
     time_s, position_m, path = reading.time_s, reading.position_m, reading.path
     rest = reading.segmentation.rests[move.rest]
     last = move.last
@@ -129,7 +143,7 @@ def _section(reading: Reading, move: Move, near_s: float, knots: tuple[FloatArra
         # row of the turn it may be on its way back
         stops, last = True, last - 1 if _turns_at_once(reading, move) else last
     corners_s = path.corners_s[(path.corners_s > move.began_s) & (path.corners_s < time_s[last])]
-    first = max(rest.first + 1, int(np.searchsorted(time_s, move.began_s - _BEFORE_S)))
+    first = max(rest.first + 1, int(np.searchsorted(time_s, move.began_s - unseen_s)))
     if last - first < 4:
         return None
     at = np.arange(first, last + 1)
