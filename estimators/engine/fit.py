@@ -20,6 +20,7 @@ from estimators.engine.roughness import ROUGH, SMOOTH, RoughnessPrior
 from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 HEATS: Final = (30.0, 5.0, 1.0)
 _STEPS: Final = (6, 6, 10)
@@ -29,6 +30,9 @@ LEAST_LAG_S: Final = 0.004  # of the stem, that a fit begins with where corners 
 _DAMPED_S: Final = 0.15  # the lag of a heavily damped stem
 _MOST_KEPT: Final = 2
 _TRIED_STEPS: Final = 5  # that show whether other times can be as likely
+_NOT_UNDERSTOOD: Final = 2.5  # times what the better quarter of the sections leaves
+_FEWEST_UNDERSTOOD: Final = 8
+_ROUNDS_LEFT_OUT: Final = 2
 _EXCHANGED_STEPS: Final = 25  # the same where each breakaway has another instant, too
 _SAME: Final = 0.3  # of a logarithm: fits so near on some of the sections are one on all
 _EQUAL: Final = 0.05
@@ -446,13 +450,7 @@ def explored(
     """
     count = model.sections.count
     chosen = np.unique(np.linspace(0, count - 1, min(count, _TRIED_SECTIONS)).astype(np.int64))
-    some, some_paths = model.only(chosen), [paths[number] for number in chosen]
-    few = replace(
-        unknowns,
-        fields=np.zeros(some.fields.count),
-        began_s=unknowns.began_s[chosen],
-        rest_m=unknowns.rest_m[chosen],
-    )
+    some, few, some_paths = _only(model, unknowns, paths, chosen)
     starts = [
         _with_times(few, slow_s, quick_s, filter_s)
         for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
@@ -473,20 +471,14 @@ def explored(
         if not _alike(cooled[1], best.unknowns, _EQUAL):
             found.append(_ended(*cooled))
     kept = _different(sorted(found, key=lambda one: one.surprise), _NEARLY, _MOST_KEPT)
-    # instants between slow rows are not near enough to begin cold
-    rows_s = min(float(np.diff(section.time_s[section.row]).min()) for section in model.sections.sections)
-    heats = HEATS[1:] if rows_s > _SLOW_ROWS_S else HEATS[-1:]
-
-    def on_all(one: Found) -> Found:
-        if chosen.size == count:
-            return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)
-        few = one.unknowns
-        fields = model.fields.taken_from(one.model.fields, few.fields)
-        start = replace(unknowns, parameters=few.parameters, fields=fields, laws=few.laws)
-        whole = replace(one.model, sections=model.sections, fields=model.fields)
-        return annealed(whole, start, paths, heats, prior=prior)
-
-    best = on_all(kept[0])
+    best = _on_all(kept[0], model, unknowns, paths, prior)
+    # friction that varies may slow a stem as much
+    for _ in range(_ROUNDS_LEFT_OUT if model.settings.understood and not model.fields.count else 0):
+        good = _understood(best)
+        if good.size == model.sections.count:
+            break
+        model, unknowns, paths = _only(model, unknowns, paths, good)
+        best = _on_all(best, model, unknowns, paths, prior)
     whole = [best]
     # the same motion by other times, with all else as the likeliest fit has it
     squares = best.model.squares(best.unknowns, best.paths)
@@ -497,9 +489,41 @@ def explored(
         if left < squares + _NEARLY:
             whole.append(annealed(best.model, near, near_paths, HEATS[-1:], prior=prior, rounds=1))
     whole += [
-        on_all(one) for one in kept[1:] if not any(_alike(one.unknowns, other.unknowns, _SAME) for other in whole)
+        _on_all(one, model, unknowns, paths, prior)
+        for one in kept[1:]
+        if not any(_alike(one.unknowns, other.unknowns, _SAME) for other in whole)
     ]
     return _different(sorted(whole, key=lambda one: one.surprise), math.inf, len(whole))
+
+
+def _only(model: Model, unknowns: Unknowns, paths: list[Path], chosen: IntArray) -> tuple[Model, Unknowns, list[Path]]:
+    """The sections of these numbers alone, before any of their fields is known."""
+    few = model.only(chosen)
+    began_s, rest_m = unknowns.began_s[chosen], unknowns.rest_m[chosen]
+    start = replace(unknowns, fields=np.zeros(few.fields.count), began_s=began_s, rest_m=rest_m)
+    return few, start, [paths[number] for number in chosen]
+
+
+def _on_all(one: Found, model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior) -> Found:
+    """Where a fit of other sections, or of these, leads with all of the model's; ``unknowns`` begin there."""
+    if one.model.sections.sections == model.sections.sections:
+        return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)
+    fields = model.fields.taken_from(one.model.fields, one.unknowns.fields)
+    start = replace(unknowns, parameters=one.unknowns.parameters, fields=fields, laws=one.unknowns.laws)
+    whole = replace(one.model, sections=model.sections, fields=model.fields)
+    # instants between slow rows are not near enough to begin cold
+    rows_s = min(float(np.diff(section.time_s[section.row]).min()) for section in model.sections.sections)
+    return annealed(whole, start, paths, HEATS[1:] if rows_s > _SLOW_ROWS_S else HEATS[-1:], prior=prior)
+
+
+def _understood(found: Found) -> IntArray:
+    """Numbers of the sections that a fit explains: all but those that are far worse than the better ones.
+
+    In some a stem that slips rested unseen: they are no motion from one breakaway, and draw all parameters after them.
+    """
+    off = found.model.section_chi(found.unknowns, found.paths)
+    good = np.flatnonzero(off < _NOT_UNDERSTOOD * max(float(np.quantile(off, 0.25)), 1.0))
+    return good if good.size >= max(_FEWEST_UNDERSTOOD, off.size // 2) else np.arange(off.size)
 
 
 def _different(found: list[Found], nearly: float, most: int) -> list[Found]:

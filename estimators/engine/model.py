@@ -499,6 +499,12 @@ class Model:
             left.append(self._off(number, unknowns, path, sensed_m))
         return left
 
+    def section_chi(self, unknowns: Unknowns, paths: list[Path]) -> FloatArray:
+        """What each section leaves, root mean square in white noises of a row, shape (n,)."""
+        left = self._left(unknowns, paths)
+        weighed = [section.rows @ one**2 / one.size for section, one in zip(self.sections.sections, left, strict=True)]
+        return np.asarray(np.sqrt(weighed) / self.noise.white_m)
+
     def residual_rms(self, unknowns: Unknowns, paths: list[Path], white_m: float) -> float:
         """Root mean square of measured minus modelled position, the fields and rests as found, m.
 

@@ -16,7 +16,8 @@ class Settings:
     what is left in motion. ``several_starts``: times of stem and filter of several kinds. ``permuted``: the likeliest
     fit's times change places. ``creeping``: wider intervals near the limit velocity. ``slow_rows``: wider ones where
     rows are slower than the stem. ``force_scale``: the gauge's noise in the force's gain. ``tempered``: fits that are
-    much less likely still count. ``doubted``: wider intervals of m, F_v, k and F_0 where friction varies.
+    much less likely still count. ``understood``: motions that a fit does not explain are left out. ``doubted``: wider
+    intervals of m, F_v, k and F_0 where friction varies.
     """
 
     roughness_by_motion: bool = True
@@ -30,6 +31,7 @@ class Settings:
     slow_rows: bool = True
     force_scale: bool = True
     tempered: bool = True
+    understood: bool = True
     doubted: bool = True
 
 
