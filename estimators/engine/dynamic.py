@@ -174,7 +174,7 @@ def fitted(
             np.array([section.rest_m for section in sections.sections]),
             laws.start,
         )
-        fits += explored(
+        found = explored(
             model,
             unknowns,
             model.measured_paths(),
@@ -184,6 +184,8 @@ def fitted(
             path=path,
             limit_share=limit_share,
         )
+        fits += found
+        sections = found[0].model.sections  # what is left out of one is left out of all: likelihoods are compared
     return sorted((one for one in fits if math.isfinite(one.surprise)), key=lambda one: one.surprise)
 
 

@@ -30,7 +30,7 @@ LEAST_LAG_S: Final = 0.004  # of the stem, that a fit begins with where corners 
 _DAMPED_S: Final = 0.15  # the lag of a heavily damped stem
 _MOST_KEPT: Final = 2
 _TRIED_STEPS: Final = 5  # that show whether other times can be as likely
-_NOT_UNDERSTOOD: Final = 2.5  # times what the better quarter of the sections leaves
+_NOT_UNDERSTOOD: Final = 4.0  # times what the better quarter of the sections leaves
 _FEWEST_UNDERSTOOD: Final = 8
 _ROUNDS_LEFT_OUT: Final = 2
 _EXCHANGED_STEPS: Final = 25  # the same where each breakaway has another instant, too
@@ -472,8 +472,7 @@ def explored(
             found.append(_ended(*cooled))
     kept = _different(sorted(found, key=lambda one: one.surprise), _NEARLY, _MOST_KEPT)
     best = _on_all(kept[0], model, unknowns, paths, prior)
-    # friction that varies may slow a stem as much
-    for _ in range(_ROUNDS_LEFT_OUT if model.settings.understood and not model.fields.count else 0):
+    for _ in range(_ROUNDS_LEFT_OUT if model.settings.understood else 0):
         good = _understood(best)
         if good.size == model.sections.count:
             break

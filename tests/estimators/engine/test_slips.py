@@ -52,9 +52,9 @@ def test_a_stem_with_two_breakaways_gives_no_balance_of_slips() -> None:
 
 
 def test_motions_in_which_a_stem_rested_unseen_draw_no_parameter_after_them() -> None:
-    # on quick ramps 30 motions are some slips in one: they left 60 times the noise, and m was 7 % too large
-    made = random_test(2222)
+    # a quarter of the motions are two slips in one: they left 7 times the noise, and F_c was 23 % too small
+    made = random_test(2269)
     estimate = RoughFrictionEstimator().estimate(made.recording, made.nameplate)
 
     assert estimate.residual_rms_m == pytest.approx(made.noise_m, rel=0.05)
-    assert estimate.value("m") == pytest.approx(made.truth.mass_kg, rel=0.05)
+    assert estimate.value("F_c") == pytest.approx(made.truth.coulomb_friction_n, rel=0.05)
