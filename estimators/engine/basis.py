@@ -21,7 +21,7 @@ from estimators.engine.reading import Reading
 from estimators.engine.rests import balance_of_rests
 from estimators.engine.slips import balance_of_slips, lag_of_slips, mostly_slips
 from estimators.engine.stepped import Stepped
-from estimators.engine.yielding import WAY, Held, driven_of, gave_way, sliding_blocks, yielding
+from estimators.engine.yielding import MOST_YIELD, WAY, Held, driven_of, gave_way, sliding_blocks, yielding
 from estimators.samples import resolution
 
 _YIELDS: Final = 2.0e-5  # of the travel: less changes m and F_v by no more than they are known
@@ -115,7 +115,7 @@ def _on_bristles(reading: Reading, lag: Known, found: Balance) -> Basis | None:
     driven, held = driven_of(reading), Held(spring, preload_n, coulomb_n, lag.value)
     soft = yielding(driven, held)
     least = _SLOWLY_YIELDS if lag.value > _SLOW_S else _YIELDS
-    if soft is None or soft.value < least * reading.travel_m:
+    if soft is None or not least * reading.travel_m <= soft.value <= MOST_YIELD * reading.travel_m:
         return None
     way_m = WAY * soft.value
     slid = _balance(reading, lag, sliding_blocks(reading, driven_blocks(reading, lag), found, way_m))

@@ -19,7 +19,7 @@ from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fields
 from estimators.engine.fit import LEAST_LAG_S, Found, equations_of, explored
-from estimators.engine.force_path import coloured_covariance
+from estimators.engine.force_path import Source, coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
 from estimators.engine.laws import NO_LAWS, Laws, PathToFit
 from estimators.engine.model import Model, Unknowns
@@ -157,7 +157,7 @@ def fitted(
     spring = balance.known("k").value
     slow_s = max(lag.value, LEAST_LAG_S)
     late_s = reading.path.late_s
-    unsure_s = 0.5 * late_s + _LATENESS_SHARE * reading.samples.period_s
+    unsure_s = 0.5 * abs(late_s) + _LATENESS_SHARE * reading.samples.period_s
     middle_s = 0.5 * late_s if reading.path.lag_s == 0.0 else 0.0
     prior = prior_of(spring * slow_s, (middle_s, unsure_s))
     start[LEAD] = middle_s
@@ -280,6 +280,7 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
         _add_creeping(one, variances)
     _add_stops(one, reading, variances)
     _add_filtered_starts(one, variances)
+    _add_unknown_path(one, variances, reading)
     if settings.slow_rows:
         _add_slow_rows(one, variances, reading)
     return means, variances
@@ -392,6 +393,23 @@ def _add_filtered_starts(found: Found, variances: FloatArray) -> None:
     """
     slower_s = max(0.0, math.exp(found.unknowns.parameters[LN_FILTER]) - _QUICK_FILTER_S)
     variances[QUANTITIES.index("F_s")] += (_FILTERED * slower_s * _usual_rate(found)) ** 2
+
+
+def _add_unknown_path(found: Found, variances: FloatArray, reading: Reading) -> None:
+    """Widen what a gauge without a command leaves open: how late it is, and how an I/P rounds the force's corners.
+
+    A stem whose own times are no longer looks the same.
+    """
+    if reading.path.source is not Source.LINES:
+        return
+    parameters, unknown_s = found.unknowns.parameters, 0.5 * abs(reading.path.late_s)
+    slow_s = math.exp(parameters[LN_V] - parameters[LN_K])
+    quick_s = math.exp(parameters[LN_M] - parameters[LN_V])
+    slowest = min(float(np.median(np.abs(one.rate_n_per_s))) for one in found.model.sections.sections)
+    variances[QUANTITIES.index("F_v")] += (2.0 * unknown_s / slow_s) ** 2
+    variances[QUANTITIES.index("m")] += (2.0 * unknown_s / quick_s) ** 2
+    variances[QUANTITIES.index("F_c")] += (unknown_s * slowest) ** 2
+    variances[QUANTITIES.index("F_s")] += (unknown_s * _usual_rate(found)) ** 2
 
 
 def _add_slow_rows(found: Found, variances: FloatArray, reading: Reading) -> None:

@@ -26,6 +26,7 @@ from estimators.engine.basis import Basis, of_slides, of_steps
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.commanded import is_commanded, with_gauged_path
 from estimators.engine.dynamic import Dynamic, Quantity, dynamic, latent_friction
+from estimators.engine.force_path import Source
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
@@ -147,13 +148,14 @@ def _disagree(found: Balance, whole: Dynamic) -> bool:
 
 
 def _quantities(
-    found: Balance, static: StaticFriction | None, whole: Dynamic | None, period_s: float
+    found: Balance, static: StaticFriction | None, whole: Dynamic | None, is_open: tuple[bool, bool]
 ) -> dict[str, Quantity]:
     """What the motion gives, and of k, F_c and F_0 what the balance gives where it knows them far better.
 
     Rows too slow for the motion after a breakaway leave F_v open there, and with it F_c. What a creeping stem leaves
     open the balance knows no better. Of k and F_0 slow rows say in motion what their instants are off by: the balance
-    leaves out what has not settled.
+    leaves out what has not settled. ``is_open``: rows are slow; the force is a gauge's lines, whose corners an I/P may
+    have rounded.
     """
     quantities: dict[str, Quantity] = {} if whole is None else dict(whole.quantities)
     coulomb = found.known("F_c")
@@ -167,8 +169,8 @@ def _quantities(
         error = known.std_error if "k" in found.symbols else math.hypot(known.std_error, repeats_to_n(found))
         if whole is not None:
             error = math.hypot(_BESIDE_MOTION * error, creeping.get(symbol, 0.0))
-            is_slow = period_s > _UNRESOLVED_S and symbol != "F_c"
-            if whole.quantities[symbol].std_error < _FAR_BETTER * error and not is_slow:
+            by_balance = symbol != "F_c" and (is_open[0] or is_open[1])
+            if whole.quantities[symbol].std_error < _FAR_BETTER * error and not by_balance:
                 continue
         half = NORMAL_95 * error
         quantities[symbol] = Quantity(known.value, error, (known.value - half, known.value + half))
@@ -251,7 +253,8 @@ def _turned_back(reading: Reading) -> bool:
 
 def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> Estimate:
     reading, found, static = basis.reading, basis.found, basis.static
-    quantities = _widened(_quantities(found, static, whole, reading.samples.period_s), basis.unsure_n)
+    is_open = reading.samples.period_s > _UNRESOLVED_S, reading.path.source is Source.LINES
+    quantities = _widened(_quantities(found, static, whole, is_open), basis.unsure_n)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
     parameters = {
         symbol: _parameter(quantity, friction_n if symbol == "F_0" else 0.0) for symbol, quantity in quantities.items()

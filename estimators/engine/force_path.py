@@ -76,6 +76,7 @@ class ForcePath:
     ``lag_s``, with its standard error ``lag_error_s``, and ``dead_time_s`` are the path's, 0 where there is none;
     ``commanded_n`` is the command's force before them, shape (n,), where they are not 0, and from ``bends_s`` on such a
     force bends. The force may be later than said by up to ``late_s``: a short lag may be the gauge's or the I/P's.
+    Below 0 it is by how much the force may be earlier: a gauge without a command is behind its filter.
     At ``peaks_s`` straight lines meet between two rows, at the forces ``peaks_n``, shape (p,).
     """
 
@@ -366,7 +367,7 @@ def _straight_runs(time_s: FloatArray, force_n: FloatArray, range_n: float, run_
         if end - first < _FEWEST_RUN_ROWS:
             own = force_n[first:end]
             none = np.zeros(own.size)
-            parts.append(ForcePath(Source.LINES, own, 0.0, np.empty(0), none, late_s=0.5 * GAUGE_LAG_S))
+            parts.append(ForcePath(Source.LINES, own, 0.0, np.empty(0), none, late_s=-0.5 * GAUGE_LAG_S))
             continue
         one = _straight(time_s[first:end], force_n[first:end], range_n)
         if one is None:
@@ -412,7 +413,7 @@ def _straight(time_s: FloatArray, force_n: FloatArray, range_n: float) -> ForceP
     line_n = np.interp(time_s, knots_s, values)
     corners_s = turns(time_s, line_n, 0.0, range_n)
     left_n = force_n - line_n
-    late_s = 0.5 * GAUGE_LAG_S  # the filter of a gauge so noisy is not known
+    late_s = -0.5 * GAUGE_LAG_S  # the filter of a gauge so noisy is not known
     return ForcePath(Source.LINES, line_n + _hunting(time_s, left_n), 0.0, corners_s, left_n, late_s=late_s)
 
 

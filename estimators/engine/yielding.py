@@ -27,6 +27,7 @@ from estimators.engine.segmentation import moving_mean
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
+MOST_YIELD: Final = 0.04  # of the travel: what seems to yield by more is a spring or a reading that is bent
 WAY: Final = 6.0  # deflections: ln(1.9 / 0.02) of them after the force turned a stem slides, with a margin
 _HELD: Final = 0.5  # of F_c, against the force that turned: from here on its friction is followed
 _INSIDE: Final = 0.8  # of F_c: so far below it nothing but bristles lets a stem move

@@ -69,7 +69,6 @@ class BreakawayScatter(SeenCause):
             return None
         scatter_n = math.sqrt(variance_n2)
         low_n = scatter_n * math.sqrt(free / float(chdtri(free, _NOT_BOTH_ENDS)))
-        high_n = scatter_n * math.sqrt(free / float(chdtri(free, 1.0 - _NOT_BOTH_ENDS)))
         middle_n = float(np.median(np.abs(away_n - np.median(away_n)))) / _MIDDLE
         by_itself = float(away_n @ away_n) / max(float(np.sum((forces_n - forces_n.mean()) ** 2)), 1.0e-300)
         beyond = low_n > max(_PACKINGS_DO * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
@@ -78,9 +77,9 @@ class BreakawayScatter(SeenCause):
         if _without_extremes(away_n) < _OFTEN * scatter_n or max(_repeats(away_n), _repeats(way * away_n)) > _ALIKE:
             return None
         static_n = max(setting.static_n, 1.0e-9)
-        return Seen(
-            {"scatter": Fitted(scatter_n / static_n, 0.5 * (high_n - low_n) / (NORMAL_95 * static_n), "1")}, None
-        )
+        # what is told ends below where the decision did
+        error = (scatter_n - low_n) / (NORMAL_95 * static_n)
+        return Seen({"scatter": Fitted(scatter_n / static_n, error, "1")}, None)
 
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:

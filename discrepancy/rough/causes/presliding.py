@@ -10,7 +10,7 @@ from typing_extensions import override
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
-from estimators.engine.yielding import Held, driven_of, yielding
+from estimators.engine.yielding import MOST_YIELD, Held, driven_of, yielding
 from valve.effects.presliding import Presliding as PreslidingEffect
 from valve.messages import say
 
@@ -26,11 +26,11 @@ class Presliding(SeenCause):
     by_slips: ClassVar[bool] = True
 
     def seen(self, view: View) -> Seen | None:
-        """Return the deflection where the stem yields by more than a packing in good order."""
+        """Return the deflection where the stem yields by more than a packing in good order, and by no more than any."""
         null = view.null
         spring, preload_n, coulomb_n, lag_s = (null.known(symbol).value for symbol in ("k", "F_0", "F_c", "lag"))
         found = yielding(driven_of(view.reading), Held(spring, preload_n, coulomb_n, lag_s))
-        if found is None or found.value < _LIMIT * view.setting.travel_m:
+        if found is None or not _LIMIT <= found.value / view.setting.travel_m <= MOST_YIELD:
             return None
         return Seen({"deflection_m": Fitted(found.value, found.std_error, "m")}, PreslidingEffect(found.value))
 

@@ -15,6 +15,7 @@ from valve.messages import say
 
 _MISSING: Final = 0.01  # of the span, by which the pressure stays below the command
 _FLAT: Final = 0.004  # of the span, within which it stays at its top
+_GOES_ON: Final = 0.01  # of the span, by which the command changes while the pressure stays at its top
 _LEAST: Final = 0.01  # of the rows
 _ELSEWHERE: Final = 0.01  # of the span: how well it follows below
 
@@ -37,11 +38,14 @@ class SupplySaturation(SeenCause):
         asked = command_pa > top_pa + _MISSING * span_pa
         if float(asked.mean()) < _LEAST:
             return None
+        # of a command that is held up there an I/P may stay short for other reasons
+        lowest_pa, highest_pa = np.quantile(command_pa[asked], [0.05, 0.95]).tolist()
+        goes_on = highest_pa - lowest_pa > _GOES_ON * span_pa
         at_top = pressure_pa[asked]
         flat = float(np.quantile(at_top, 0.95) - np.quantile(at_top, 0.3)) < _FLAT * span_pa
         below = command_pa < top_pa - 5.0 * _MISSING * span_pa
         follows = abs(float(np.median(pressure_pa[below] - command_pa[below]))) < _ELSEWHERE * span_pa
-        if not (flat and follows):
+        if not (goes_on and flat and follows):
             return None
         limit_pa = float(np.median(at_top))
         return Seen({"limit_pa": Fitted(limit_pa, float(np.std(at_top)) / np.sqrt(at_top.size), "Pa")}, None)

@@ -10,7 +10,9 @@ from discrepancy.rough.result import RoughDiagnosis, Verdict
 from tests.support.rough_valves import VALVES, case
 from valve.effects.base import Effect
 from valve.effects.position_backlash import PositionBacklash
+from valve.effects.position_nonlinearity import PositionNonlinearity
 from valve.effects.presliding import Presliding
+from valve.effects.spring_hardening import SpringHardening
 
 
 def _diagnosed(valve: str, sequence: str, period_s: float, effects: list[Effect], seed: int = 960) -> RoughDiagnosis:
@@ -42,6 +44,17 @@ def test_a_play_of_the_feedback_is_none() -> None:
     travel_m = VALVES["nominal"][1].actuator.travel_m
     found = _diagnosed("nominal", "triangle", 1.0e-3, [PositionBacklash(0.01 * travel_m)])
     assert "presliding" not in [one.cause for one in found.causes]
+
+
+@pytest.mark.parametrize("cause", [SpringHardening, PositionNonlinearity])
+def test_what_bends_a_spring_or_a_reading_is_no_stem_that_yields(cause: type[Effect]) -> None:
+    # of little friction: a "deflection" of a third of the travel was named, and predicted worse
+    parameters, nameplate = VALVES["vendor"]
+    travel_m = nameplate.actuator.travel_m
+    harder = 0.15 * parameters.spring_rate_n_per_m / travel_m
+    bent = SpringHardening(harder) if cause is SpringHardening else PositionNonlinearity(0.02 * travel_m, travel_m)
+    found = _diagnosed("vendor", "triangle", 1.0e-3, [bent])
+    assert [one.cause for one in found.causes] == [cause.cause]
 
 
 def test_less_than_packings_in_good_order_yield_by_is_no_fault() -> None:

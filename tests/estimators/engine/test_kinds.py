@@ -254,6 +254,19 @@ def test_a_heavily_damped_stem_that_hardly_yields_is_followed() -> None:
     assert found.yields_m == 0.0
 
 
+@pytest.mark.parametrize("valve", ["large", "nominal"])
+def test_a_gauge_without_a_command_leaves_open_how_late_it_is(valve: str) -> None:
+    # its filter and the I/P's lag were told as the stem's: F_c beyond twice its interval, F_v 12 % too large
+    made = case(valve, "multi_rate", "usual", 1.0e-3, seed=6101)
+    estimate = RoughFrictionEstimator().estimate(replace(made.recording, command_pa=None), made.nameplate)
+
+    assert estimate.value("F_v") is None
+    assert estimate.value("m") is None
+    for symbol, widest in (("F_c", 0.03), ("F_s", 0.15)):
+        error, half = _off(estimate, made.truth.parameters.by_symbol(), symbol)
+        assert abs(error) < half < widest
+
+
 @pytest.mark.parametrize("seed", [2144, 2251])
 def test_a_heavily_damped_stem_may_have_broken_away_long_before_it_was_seen(seed: int) -> None:
     # its instants were held within 20 ms: F_s was 40 % too large, F_c 12 % too small

@@ -1,0 +1,34 @@
+"""A pressure that ends below its command is the supply's only where the command goes on."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from discrepancy.rough.causes.seen import View
+from discrepancy.rough.causes.supply_saturation import SupplySaturation
+
+_SPAN_PA = 80.0e3
+
+
+def _seen(command: npt.NDArray[np.float64], pressure: npt.NDArray[np.float64]) -> float | None:
+    view = SimpleNamespace(command_and_pressure_pa=lambda: (_SPAN_PA * command, _SPAN_PA * pressure))
+    shown = SupplySaturation().seen(cast(View, view))
+    return None if shown is None else shown.fitted["limit_pa"].value
+
+
+def test_a_pressure_that_stays_at_its_top_while_the_command_rises_is_limited() -> None:
+    command = np.concatenate([np.linspace(0.0, 1.0, 1000), np.linspace(1.0, 0.0, 1000)])
+    assert _seen(command, np.minimum(command, 0.95)) == pytest.approx(0.95 * _SPAN_PA, rel=1.0e-6)
+
+
+def test_a_pressure_that_stays_short_of_a_command_that_is_held_is_not() -> None:
+    # hysteresis of the I/P: it was told as the air supply's
+    command = np.concatenate([np.linspace(0.0, 1.0, 1000), np.ones(300), np.linspace(1.0, 0.0, 1000)])
+    rising = np.arange(command.size) < 1300
+    pressure = command + np.where(rising, -0.015, 0.015) * (command > 0.5)
+    assert _seen(command, np.minimum(pressure, 0.985)) is None
