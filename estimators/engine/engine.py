@@ -59,6 +59,9 @@ _SLOW_STEPS: Final = say(
     "the pressure's own lag after each step hides it where friction varies: repeat with several ramps",
 )
 _ONE_SPEED: Final = say("takes_acceleration", "it takes a drive that is accelerated, and several speeds")
+_JUMPS_HIDDEN: Final = say(
+    "jumps_hidden_mass", "noise hides the stem's jumps, and friction that varies how it starts: faster ramps show more"
+)
 _CREEPING: Final = say(
     "driven_at_limit_velocity",
     "the stem was driven at hardly more than its limit velocity: repeat with faster ramps",
@@ -298,6 +301,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     hidden = hidden_jumps(reading.segmentation.band_m, quantities)
     if hidden and parameters.get("F_c") is not None and parameters["F_c"].value is not None:
         parameters["F_c"] = replace(parameters["F_c"], note=hidden)
+        if whole is not None and whole.best.model.fields.count:
+            parameters["m"] = absent(_JUMPS_HIDDEN)
     parameters = in_order(parameters)
     has_spring = reading.spring_n_per_m > 0.0
     if not has_spring:

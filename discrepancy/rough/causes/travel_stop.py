@@ -14,6 +14,7 @@ import numpy.typing as npt
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, View
 from discrepancy.rough.setting import Setting
+from estimators.engine.segmentation import moving_mean
 from valve.effects.base import Effect
 from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
 from valve.effects.travel_stop_low import TravelStopLow as LowEffect
@@ -23,6 +24,8 @@ _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
 _LAGS: Final = 1.5
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
+_HUNTS: Final = 8.0  # standard deviations of what an I/P does by itself: the highest swing while a command is held
+_SMOOTHED_S: Final = 0.2
 _SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ
 _FEWEST_VISITS: Final = 2
 _BEYOND: Final = 0.004  # of the travel that a reading may show beyond the stop
@@ -111,6 +114,9 @@ class _TravelStop(ABC):
         moves, rests = reading.segmentation.moves, reading.segmentation.rests
         spring, lag_s = null.known("k").value, max(null.known("lag").value, 0.0)
         scatter_n = float(np.hypot(null.hyperparameter("scatter"), null.known("F_s").std_error))
+        width = 2 * (max(1, round(_SMOOTHED_S / reading.samples.period_s)) // 2) + 1
+        hunts_n = float(np.std(moving_mean(reading.path.left_n, width)))
+        least_n = max(_LEAST_RISE * view.setting.full_force_n, _HUNTS * hunts_n)
         found, places_m = [], []
         for move, after in zip(moves, [*moves[1:], None], strict=True):
             leaves_back = after is None or after.direction == -self.direction
@@ -122,7 +128,7 @@ class _TravelStop(ABC):
             went_on_n = _rise(force_n[rest.first : most + 1])
             way_m = went_on_n / spring
             late = float(time_s[most] - time_s[rest.first]) > max(_LEAST_S, _LAGS * lag_s)
-            goes_on = went_on_n > _LEAST_RISE * view.setting.full_force_n
+            goes_on = went_on_n > least_n
             if not (late and goes_on and way_m > _DRIVEN_BANDS * reading.segmentation.band_m):
                 continue
             before = max(move.first, int(np.searchsorted(time_s, time_s[rest.first] - _NEAR_S)))

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
 from discrepancy.rough.causes.seen import View
 from discrepancy.rough.causes.travel_stop import TravelStopHigh, TravelStopLow
 from discrepancy.rough.evidence import fitted, problem_of
@@ -9,8 +16,10 @@ from discrepancy.rough.observations import observations
 from discrepancy.rough.setting import setting_of
 from estimators.base import Outcome
 from estimators.engine.lateness import lag_after_corners
+from estimators.engine.parameters import Known
 from estimators.engine.reading import read
 from estimators.engine.rows import measured_rows
+from estimators.engine.segmentation import Move, Rest
 from tests.support.rough_valves import VALVES, RoughCase, case
 from valve.effects.stribeck_friction import StribeckFriction
 from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
@@ -38,3 +47,41 @@ def test_a_stop_that_a_sliding_stem_runs_into_is_seen() -> None:
     seen = TravelStopHigh().seen(_view(case("small", "triangle", "usual", seed=900, effects=[HighEffect(0.017)])))
     assert seen is not None
     assert abs(seen.fitted["position_m"].value - 0.017) < 1.0e-4
+
+
+@pytest.mark.parametrize(("hunting", "is_stop"), [(0.0, True), (3.0, False)])
+def test_an_ip_that_hunts_while_its_command_is_held_drives_no_stem_on(hunting: float, is_stop: bool) -> None:
+    """Twice the force comes up to where the stem rests, and rises by another percent there."""
+    time_s = np.arange(0.0, 44.0, 0.02)
+    knots_s = [0.0, 10.0, 12.0, 22.0, 32.0, 34.0, 44.0]
+    force_n = np.interp(time_s, knots_s, [0.0, 1000.0, 1010.0, 0.0, 1000.0, 1010.0, 0.0])
+    spring = 2.0e4
+    position_m = np.minimum(force_n, 1000.0) / spring
+
+    def rest(first_s: float, last_s: float) -> Rest:
+        first, last = np.searchsorted(time_s, [first_s, last_s]).tolist()
+        return Rest(first, last, 1000.0 / spring, 1.0e-7)
+
+    def move(first_s: float, last_s: float, direction: int, before: int, after: int) -> Move:
+        first, last = np.searchsorted(time_s, [first_s, last_s]).tolist()
+        return Move(first, last, direction, before, after, math.nan, direction * 0.05)
+
+    rests = rest(10.0, 12.0), rest(32.0, 34.0)
+    moves = (
+        move(0.0, 10.0, 1, -1, 0), move(12.0, 22.0, -1, 0, -1),
+        move(22.0, 32.0, 1, -1, 1), move(34.0, 43.9, -1, 1, -1),
+    )  # fmt: skip
+    known = {"k": Known(spring, 1.0), "lag": Known(0.0, 0.01), "F_0": Known(0.0, 1.0), "F_s": Known(60.0, 1.0)}
+    view = SimpleNamespace(
+        reading=SimpleNamespace(
+            time_s=time_s,
+            position_m=position_m,
+            noise_m=1.0e-6,
+            samples=SimpleNamespace(period_s=0.02),
+            path=SimpleNamespace(force_n=force_n, left_n=hunting * np.sign(np.sin(0.5 * time_s))),
+            segmentation=SimpleNamespace(moves=moves, rests=rests, band_m=1.0e-6),
+        ),
+        null=SimpleNamespace(known=known.__getitem__, hyperparameter=lambda _: 1.0),
+        setting=SimpleNamespace(full_force_n=1000.0, high_m=0.05, low_m=0.0, travel_m=0.06),
+    )
+    assert (TravelStopHigh().seen(cast(View, view)) is not None) == is_stop
