@@ -48,8 +48,9 @@ class BreakawayScatter(SeenCause):
         """Return the scatter if the low end of its interval is beyond what packings do, and many have a part in it."""
         null, setting = view.null, view.setting
         rows = null.problem.rows
-        # the first one after an unknown rest has a wide variance of its own
-        usual = ~rows.is_slide & (rows.variance_n2 < 0.1 * setting.static_n**2)
+        most_n = max(_PACKINGS_DO * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
+        # what is known no better than packings scatter tells nothing: slow rows on quick ramps, the first after a rest
+        usual = ~rows.is_slide & (rows.variance_n2 < most_n**2)
         forces_n = null.left_n[usual]
         if forces_n.size < _FEWEST:
             return None
@@ -71,8 +72,7 @@ class BreakawayScatter(SeenCause):
         low_n = scatter_n * math.sqrt(free / float(chdtri(free, _NOT_BOTH_ENDS)))
         middle_n = float(np.median(np.abs(away_n - np.median(away_n)))) / _MIDDLE
         by_itself = float(away_n @ away_n) / max(float(np.sum((forces_n - forces_n.mean()) ** 2)), 1.0e-300)
-        beyond = low_n > max(_PACKINGS_DO * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
-        if not beyond or middle_n < _OFTEN * scatter_n or by_itself < _BY_ITSELF * free / (forces_n.size - 1):
+        if low_n <= most_n or middle_n < _OFTEN * scatter_n or by_itself < _BY_ITSELF * free / (forces_n.size - 1):
             return None
         if _without_extremes(away_n) < _OFTEN * scatter_n or max(_repeats(away_n), _repeats(way * away_n)) > _ALIKE:
             return None

@@ -17,13 +17,13 @@ _COUNT = 40
 _SCATTER = 0.2
 
 
-def _view(away: npt.NDArray[np.float64]) -> View:
-    """Breakaways to and fro whose forces are off by these shares of F_s."""
+def _view(away: npt.NDArray[np.float64], own: float = 0.001) -> View:
+    """Breakaways to and fro whose forces are off by these shares of F_s, each known to a share of it."""
     count = away.size
     way = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     rows = SimpleNamespace(
         is_slide=np.zeros(count, np.bool_),
-        variance_n2=np.ones(count),
+        variance_n2=np.full(count, (own * _STATIC_N) ** 2),
         direction=way,
         travel_m=0.03 + 0.01 * way,
         time_s=np.linspace(0.0, 120.0, count),
@@ -48,6 +48,11 @@ def test_breakaways_that_differ_by_chance_scatter() -> None:
     assert scatter.value == pytest.approx(_SCATTER, rel=0.3)
     # the interval that is told says what the decision said: more than packings do
     assert scatter.value - 1.96 * scatter.std_error > 0.08
+
+
+def test_breakaways_known_no_better_than_packings_scatter_tell_nothing() -> None:
+    # quick ramps in slow rows: a healthy valve was named
+    assert BreakawayScatter().seen(_view(2.0 * _by_chance(), 0.2)) is None
 
 
 @pytest.mark.parametrize("sense", ["friction", "force"])
