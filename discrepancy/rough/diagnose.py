@@ -317,7 +317,16 @@ def _verdict(
     if nearly is not None and nearly.evidence > _SOMETHING and nearly.swing_n > _ROUGHEST * view.setting.friction_n:
         return Verdict.UNEXPLAINED, _unexplained(selection), ()
     share = _variation(selection.null)
-    varies = say("friction_varies", "Friction varies by {share:.1f %} along the travel, as packings do.", share=share)
+    if share > _ROUGHEST:
+        varies = say(
+            "friction_varies_more",
+            "Friction varies by {share:.1f %} along the travel, more than packings usually do: see where.",
+            share=share,
+        )
+    else:
+        varies = say(
+            "friction_varies", "Friction varies by {share:.1f %} along the travel, as packings do.", share=share
+        )
     if 100.0 * share < _ALIKE:
         varies = say("friction_alike", "Friction is alike all along the travel.")
     return Verdict.NONE, say("no_fault", "No fault found. {how}", how=varies), ()
