@@ -30,6 +30,7 @@ from estimators.engine.force_path import Source
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
+from estimators.engine.sections import Sections
 from estimators.engine.segmentation import moving_mean
 from estimators.engine.settings import USUAL, Settings
 from estimators.engine.stepped import stepped
@@ -313,6 +314,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if missing:
         why = parameters[missing[0]].note
         told.insert(0, say("missing_for", "{symbols:, }: {why}", symbols=tuple(missing), why=why))
+    if whole is not None and whole.best.model.sections.left_out:
+        told.append(_not_explained(whole.best.model.sections))
     latent = [] if whole is None else latent_friction(whole.best)
     # what a simulation takes for values that are known too badly to be given
     fitted = {} if whole is None else {symbol: quantity.value for symbol, quantity in whole.quantities.items()}
@@ -324,6 +327,17 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     }
     residual_m = None if whole is None else whole.residual_rms_m
     return Estimate(METHOD, status, joined(" ", told), residual_m, parameters, diagnostics)
+
+
+def _not_explained(sections: Sections) -> Message:
+    """What is said of motions that the fit of the others does not explain."""
+    return say(
+        "motions_left_out",
+        "{left} of {count} motions were left out: what the others show does not explain them, as where a stem rested "
+        "on its way too shortly to be seen.",
+        left=sections.left_out,
+        count=sections.left_out + sections.count,
+    )
 
 
 def _without_motion(basis: Basis) -> str:

@@ -141,7 +141,8 @@ class Model:
         if len(some) == self.sections.count:
             return self
         spans_s = [(float(section.time_s[0]), float(section.time_s[-1])) for section in some]
-        return replace(self, sections=Sections(some, self.sections.step_s), fields=self.fields.within(spans_s))
+        sections = Sections(some, self.sections.step_s, self.sections.left_out + self.sections.count - len(some))
+        return replace(self, sections=sections, fields=self.fields.within(spans_s))
 
     def measured_paths(self) -> list[Path]:
         """Paths as they were measured."""

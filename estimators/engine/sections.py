@@ -69,10 +69,11 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sections:
-    """All sections, and the lengths of the steps between their nodes, s."""
+    """All sections, the lengths of the steps between their nodes, s, and how many others no fit explains."""
 
     sections: tuple[Section, ...]
     step_s: FloatArray
+    left_out: int = 0
 
     @property
     def count(self) -> int:

@@ -11,6 +11,7 @@ from estimators.engine.rows import measured_rows
 from estimators.engine.slips import balance_of_slips
 from tests.support.random_valves import random_test
 from tests.support.rough_valves import RoughCase, case
+from valve.messages import messages_in
 
 
 def _read(made: RoughCase) -> Reading:
@@ -58,3 +59,8 @@ def test_motions_in_which_a_stem_rested_unseen_draw_no_parameter_after_them() ->
 
     assert estimate.residual_rms_m == pytest.approx(made.noise_m, rel=0.05)
     assert estimate.value("F_c") == pytest.approx(made.truth.coulomb_friction_n, rel=0.05)
+    told = next(one for one in messages_in(estimate.message) if one.code == "motions_left_out")
+    left, of = told.values["left"], told.values["count"]
+    assert isinstance(left, int)
+    assert isinstance(of, int)
+    assert 0.05 < left / of < 0.5
