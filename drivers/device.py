@@ -13,10 +13,10 @@ from drivers.addresses import ValveWiring
 from drivers.capabilities import Fence
 from drivers.capture_buffer import CaptureBuffer
 from drivers.device_watchdog import DeviceWatchdog
-from drivers.eye import Eye
 from drivers.identity import require_identity
 from drivers.outcome import SafeOutcome, Sample
 from drivers.registers import Block
+from drivers.sampler import Sampler
 from drivers.transport import Exchange
 from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, ValveError
@@ -51,7 +51,7 @@ class ValveDevice:
         self.commanded = False
         self.last_seen: Sample | None = None
         self._wired = wired
-        self._eye = Eye(wiring.tag, wired)
+        self._sampler = Sampler(wiring.tag, wired)
         places = {"manual": wired.manual, "interlock": wired.interlock, "supply": wired.supply}
         self._elsewhere = {name: place for name, place in places.items() if place is not None}
         self.tolerance_pa = wired.tolerance_pa(wiring.limits)
@@ -223,7 +223,7 @@ class ValveDevice:
 
     async def read(self, *, priority: bool = False) -> Sample:
         """Take one sample. Raises WireError or DeviceError where there is none: that is a gap."""
-        self.last_seen = await self._eye.look(priority=priority)
+        self.last_seen = await self._sampler.look(priority=priority)
         return self.last_seen
 
     async def output_pa(self) -> float:
@@ -236,7 +236,7 @@ class ValveDevice:
         Raises WireError or DeviceError.
         """
         await self.identify_commanded()
-        output_pa = await self._eye.output()
+        output_pa = await self._sampler.output()
         if not math.isfinite(output_pa):
             raise DeviceError(
                 say(
@@ -256,7 +256,7 @@ class ValveDevice:
         position = self._wired.position
         if isinstance(position, Signal):
             await require_identity(self.tag, position.unit)
-        return await self._eye.stem_m()
+        return await self._sampler.stem_m()
 
     async def supply_pa(self, sample: Sample | None) -> float:
         """Air supply, Pa: read at its own place where there is one, otherwise as the sample has it; NaN unknown."""
@@ -304,7 +304,7 @@ class ValveDevice:
 
     def drives_safe_itself(self, sample: Sample) -> bool:
         """Whether the device says that it has left us and drives its safe value."""
-        return bool(sample.status & self._eye.at_safe_mask)
+        return bool(sample.status & self._sampler.at_safe_mask)
 
     async def drive(self, pressure_pa: float, *, priority: bool = False) -> Exchange | None:
         """Write a command, once; None where exactly it is in force already. The look that follows reads it back.
@@ -420,7 +420,7 @@ class ValveDevice:
         shown_pa, problem = math.nan, ""
         while fitting < reads:
             try:
-                output_pa = await self._eye.output(priority=priority)
+                output_pa = await self._sampler.output(priority=priority)
             except EquipmentError as error:
                 unseen += 1  # a look that failed says nothing, neither yes nor no
                 problem = message_of(error)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from drivers.eye import Reads
 from drivers.register_map import Canary
 from drivers.registers import Block
+from drivers.sampler import Reads
 from drivers.wiring import Unit
 from valve.errors import DeviceError
 from valve.messages import say

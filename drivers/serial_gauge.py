@@ -15,8 +15,8 @@ from typing import Final, TypeVar
 import serial
 
 from drivers.addresses import GaugeAddress
+from drivers.bus_queue import BusQueue
 from drivers.faults import BadAnswerError, ConnectionLostError, NoAnswerError
-from drivers.gate import Gate
 from drivers.serial_port import why_not_opened
 from valve.errors import ConfigurationError, WireError
 from valve.messages import message_of, say
@@ -62,7 +62,7 @@ class SerialGauge:
                 )
             )
         self.address = address
-        self._gate = Gate()
+        self._queue = BusQueue()
         self._thread: ThreadPoolExecutor | None = None
         self._line: serial.Serial | None = None
         self._wanted = False
@@ -78,7 +78,7 @@ class SerialGauge:
         self._wanted = True
         if self._thread is None:
             self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"gauge-{self.name}")
-        async with self._gate.hold():
+        async with self._queue.hold():
             await self._in_thread(self._open)
 
     async def close(self) -> None:
@@ -91,7 +91,7 @@ class SerialGauge:
 
     async def read(self, *, priority: bool = False) -> Reading:
         """Ask once. Raises WireError where no answer came in time or it is no position."""
-        async with self._gate.hold(priority=priority):
+        async with self._queue.hold(priority=priority):
             if not self._wanted:
                 raise ConnectionLostError(say("bus_closed", "bus {bus}: it is closed, open it first", bus=self.name))
             return await self._in_thread(self._ask)

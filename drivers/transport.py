@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
+from drivers.bus_queue import BusQueue
 from drivers.connection import Connection
 from drivers.faults import (
     BadAnswerError,
@@ -30,7 +31,6 @@ from drivers.frames import (
     Request,
     read_request,
 )
-from drivers.gate import Gate
 from drivers.registers import Block, Table
 from valve.errors import DeviceError, WireError
 from valve.messages import say
@@ -79,7 +79,7 @@ class ReadTransport:
     def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
         self.address = address
         self.recoveries = 0
-        self._gate = Gate()
+        self._queue = BusQueue()
         self._connection = Connection(address)
         self._wanted = False
         self._hangs_up: bool | None = None  # whether the device closes after each answer; None: nobody knows yet
@@ -102,7 +102,7 @@ class ReadTransport:
     async def open(self) -> None:
         """Connect. Raises ConnectionLostError where that fails within the deadline."""
         self._wanted, self._hangs_up = True, None
-        async with self._gate.hold():
+        async with self._queue.hold():
             await self._connection.open()
 
     async def close(self) -> None:
@@ -127,7 +127,7 @@ class ReadTransport:
     # ---- one transaction
 
     async def _transact(self, request: Request, priority: bool) -> Exchange:
-        async with self._gate.hold(priority=priority):
+        async with self._queue.hold(priority=priority):
             if not self._wanted:
                 raise ConnectionLostError(say("bus_closed", "bus {bus}: it is closed, open it first", bus=self.name))
             await self._line_silence()

@@ -18,7 +18,7 @@ from drivers.addresses import Mode
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink
 from service.access.access import Access, access_of
-from service.access.gate import Gate
+from service.access.authentication import Authentication
 from service.access.needs import OPEN_TO_ALL, rights
 from service.access.stop_grants import stoppers_known
 from service.audit.service_life import note_end, note_start
@@ -59,13 +59,13 @@ from service.runs.motion_watch import MotionWatch
 from service.runs.reanalyses import Reanalyses
 from service.runs.renewal import Renewal
 from service.runs.service import Runs
-from service.schedules.house import nights
+from service.schedules.lifespan import running_schedules
 from service.schedules.nightly import Nightly
 from service.schedules.watched import WatchedDays
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
-from service.workers.analysis_crew import AnalysisCrew
 from service.workers.polling import Polling
+from service.workers.worker_pool import WorkerPool
 
 VERSION: Final = version("breakaway")
 _ROUTERS: Final = (
@@ -115,7 +115,7 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
         polling = app.state.polling = Polling()
-        pool = AnalysisCrew(polling=polling) if analyst is None else None
+        pool = WorkerPool(polling=polling) if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None
@@ -176,7 +176,7 @@ def create_app(
             watched = WatchedDays(plant, opened, stale, pool, software)
             async with (
                 mqtt_of(plant, opened, stale) as broker,
-                nights(nightly, reanalyses, plant, opened, runs),
+                running_schedules(nightly, reanalyses, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
                 if broker is not None:
@@ -217,7 +217,7 @@ def create_app(
     )
     # The last one sees a request first: nobody waits for a turn whose name, size or credentials are refused anyway.
     app.add_middleware(ReadTurns)
-    app.add_middleware(Gate)
+    app.add_middleware(Authentication)
     app.add_middleware(BodyLimits)
     app.add_middleware(HeadRequests)
     app.add_middleware(Hosts, allowed_hosts=_hosts(plant))

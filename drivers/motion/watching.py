@@ -22,11 +22,11 @@ from typing import Final, Protocol
 import structlog
 
 from drivers.addresses import BusAddress, GaugeAddress, ValveWiring
-from drivers.eye import Eye
 from drivers.identity import require_identity
 from drivers.motion.orders import Unread
 from drivers.motion.watch_keeper import Row, WatchedValve, WatchKeeper
 from drivers.motion.watched_bus import LeftError, WatchedBus
+from drivers.sampler import Sampler
 from drivers.watch_rules import WatchRules, WatchSpan
 from drivers.wiring import Bus, Signal, Unit, make_bus, wire
 from valve.errors import BusyError, ConfigurationError, EquipmentError
@@ -226,7 +226,7 @@ class _Valve:
         self._bus_of = {name: bus_of(name) for name in names}
         self.home = wired.position.unit.bus.name if isinstance(wired.position, Signal) else wired.position.name
         self.buses = tuple({**self._bus_of, self.home: bus_of(self.home)}.values())
-        self._eye = Eye(wiring.tag, wired, self._bus_of)
+        self._sampler = Sampler(wiring.tag, wired, self._bus_of)
         self._span: WatchSpan | None = None
         self._offset_s = 0.0
         self._rows: list[Row] = []
@@ -247,7 +247,7 @@ class _Valve:
         missed = int((now_s - due_s) / period_s)
         try:
             await self._prove()
-            sample = await self._eye.look()
+            sample = await self._sampler.look()
         except LeftError:
             self.hand_on(keeper)
             return time.monotonic() + _AWAY_S

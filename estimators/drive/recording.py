@@ -32,7 +32,7 @@ from estimators.base import (
 from estimators.drive.breakaways import static_friction
 from estimators.drive.equation import COLUMNS
 from estimators.drive.fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
-from estimators.drive.places import locked_errors, repeated_misfit
+from estimators.drive.repeated_misfit import locked_errors, repeated_misfit
 from estimators.drive.search import FittedForce, search
 from estimators.motion.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare

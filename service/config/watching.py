@@ -12,8 +12,8 @@ from zoneinfo import ZoneInfo
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, ValveWiring
-from drivers.eye import Eye
 from drivers.registers import Block
+from drivers.sampler import Sampler
 from drivers.watch_rules import LONGEST_PERIOD_S, SHORTEST_PERIOD_S, WatchRules
 from service.config.errors import Findings, Key
 from valve.errors import ConfigurationError
@@ -117,7 +117,7 @@ def _rounded_up(seconds: float) -> float:
 def _reads_s(tag: str, wired: Wired, addresses: Mapping[str, BusAddress]) -> dict[str, float]:
     """Return how long one sample takes of each bus, s."""
     taken: defaultdict[str, float] = defaultdict(float)
-    for bus, block in Eye(tag, wired).reads:
+    for bus, block in Sampler(tag, wired).reads:
         if bus in addresses:
             taken[bus] += _read_s(addresses[bus], block)
     return taken

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.access import Access
-from service.access.gate import cookie_name, session_secret
+from service.access.authentication import cookie_name, session_secret
 from service.access.needs import OPEN_TO_ALL, Asks, needs
 from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role

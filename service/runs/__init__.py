@@ -1,1 +1,1 @@
-"""The life of a test: asked for, driven, recorded, analysed."""
+"""A test: asked for, driven, recorded, analysed."""

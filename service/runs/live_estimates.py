@@ -18,7 +18,7 @@ from service.model.family_rule import event_of, event_words
 from service.model.until import is_met, read_until, until_words
 from service.runs.live import LiveRun
 from service.runs.out_of_family import OutOfFamily
-from service.workers.analysis_pool import AnalysisPool
+from service.workers.analysis_process import AnalysisProcess
 from valve.errors import ValveError
 from valve.messages import say
 from valve.nameplate import Nameplate
@@ -49,7 +49,7 @@ class Estimator(Protocol):
         """Return the estimate of the samples in a journal, None where they are too few. Raises ValveError."""
 
 
-class EstimateWorker(AnalysisPool):
+class EstimateWorker(AnalysisProcess):
     """One worker process for the estimates of all tests that run; started anew where it ended."""
 
     def __init__(self, *, command: Sequence[str] = WORKER, limit_s: float = _LIMIT_S) -> None:

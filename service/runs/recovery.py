@@ -24,8 +24,8 @@ from drivers.stands_at import unseen
 from service.config.settings import Plant
 from service.model.run import Run, RunState, checked_run_id
 from service.model.stands_words import NOT_CONFIRMED
+from service.runs.admission import Admission
 from service.runs.again import is_to_be_taken_up
-from service.runs.gate import Gate
 from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
@@ -143,7 +143,7 @@ class Recovery:
         plant: Plant,
         store: Store,
         motion: MotionLink,
-        gate: Gate,
+        admission: Admission,
         tasks: Tasks,
         *,
         looks: StemLooks,
@@ -153,7 +153,7 @@ class Recovery:
         self._plant = plant
         self._store = store
         self._motion = motion
-        self._gate = gate
+        self._admission = admission
         self._tasks = tasks
         self._audit = audit
 
@@ -200,13 +200,13 @@ class Recovery:
 
     async def _recover(self, run: Run, commanded: bool | None, entry_pa: float | None) -> _Recovered:
         valve = self._plant.valves[run.valve]
-        claim = await self._gate.claim_when_free(run, valve)
+        claim = await self._admission.claim_when_free(run, valve)
         try:
             details = {"run_number": run.number, "entry_pa": entry_pa, "commanded": commanded}
             await self._note_in_audit("motion.recovery", run, details)
             found = await self._found(run, commanded, entry_pa)
         except BaseException:
-            self._gate.owners.release(claim)
+            self._admission.owners.release(claim)
             raise
         safe = valve.wiring.safe_value_pa
         safe_pa = entry_pa if isinstance(safe, str) else safe
@@ -235,7 +235,7 @@ class Recovery:
             run = replace(run, error=error, safe_confirmed=rest.confirmed, stands=rest.moving())
             await asyncio.to_thread(self._store.runs.save, run)
         except BaseException:
-            self._gate.owners.release(rest.claim)
+            self._admission.owners.release(rest.claim)
             raise
         _LOG.warning("valve recovered", test=run.id, valve=run.valve, **details)
         self._looks.begin(rest)
@@ -248,7 +248,7 @@ class Recovery:
             gone = unseen(stands, say("valve_no_longer_named", "plant.toml no longer names this valve"))
             await asyncio.to_thread(self._store.runs.note_stands, run, gone)
             return
-        claim = self._gate.owners.claim(run.id, run.valve, ())
+        claim = self._admission.owners.claim(run.id, run.valve, ())
         at_s = time.monotonic() - _since_s(run.motion_ended_at or run.created_at)
         self._looks.begin(Rest(run, valve, claim, at_s, stands.safe_pa, stands.signal_confirmed))
 

@@ -26,13 +26,13 @@ from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.model.sequences import choose_waveform
 from service.model.until import SEPARATING, until_of
 from service.recordings.place import recording_of
+from service.runs.admission import Admission
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
 from service.runs.bus_owners import Claim
 from service.runs.description import DESCRIBED, description_of
 from service.runs.events import Event
-from service.runs.gate import Gate
-from service.runs.life import Life, OnSamples
+from service.runs.execution import Execution, OnSamples
 from service.runs.live import LiveRun, LiveRuns
 from service.runs.live_estimates import Estimator, LiveEstimates
 from service.runs.permission import Permission
@@ -80,11 +80,11 @@ class Runs:
         self._analyst = analyst
         self._software = software
         self._audit = audit
-        self._gate = Gate(plant, store, motion)
+        self._admission = Admission(plant, store, motion)
         self._live = LiveRuns()
         self._tasks = Tasks()
-        self._looks = StemLooks(store, motion, self._gate, self._tasks, audit)
-        self._recovery = Recovery(plant, store, motion, self._gate, self._tasks, looks=self._looks, audit=audit)
+        self._looks = StemLooks(store, motion, self._admission, self._tasks, audit)
+        self._recovery = Recovery(plant, store, motion, self._admission, self._tasks, looks=self._looks, audit=audit)
         self._closing = False
         self._carrying: WeakValueDictionary[str, asyncio.Task[None]] = WeakValueDictionary()  # by the run's id
         self._analysing = asyncio.Lock()
@@ -99,15 +99,15 @@ class Runs:
 
     def add_buses(self, buses: Mapping[str, BusAddress]) -> None:
         """Know buses that a reload has added."""
-        self._gate.add_buses(buses)
+        self._admission.add_buses(buses)
 
     def user_of(self, tag: str) -> str | None:
         """Return the id of the run that uses this valve now, if any."""
-        return self._gate.owners.tester(tag)
+        return self._admission.owners.tester(tag)
 
     def why_not_scheduled(self, tag: str) -> str:
         """Return why a scheduled test of a valve has to wait now; "" where it may start."""
-        return self._gate.owners.why_not_scheduled(tag, self.valve(tag).buses)
+        return self._admission.owners.why_not_scheduled(tag, self.valve(tag).buses)
 
     def _check_gateway(self, tag: str) -> None:
         if not self._plant.is_ours(tag):
@@ -180,7 +180,7 @@ class Runs:
             until=wish,
         )
         await self._looked_at(tag)
-        async with self._gate.turn(valve):
+        async with self._admission.turn(valve):
             known = await self._asked_before(wanted, permit)
             if known is not None:
                 return known
@@ -192,7 +192,7 @@ class Runs:
                         tag=tag,
                     )
                 )
-            stored, claim = await self._gate.admit(wanted, valve, permit)
+            stored, claim = await self._admission.admit(wanted, valve, permit)
             live = self._live.begin(replace(stored, until=wish))
             estimates = self._estimates(live, valve, choice.waveform)
             order = Order(
@@ -209,22 +209,22 @@ class Runs:
                 together=together,
                 read=valve_read(valve.wiring, self._plant.buses),
             )
-            life = self._life(live, valve, order, claim, estimates)
-            self._carrying[stored.id] = self._tasks.spawn(self._carry_out(life, live))
+            execution = self._execution(live, valve, order, claim, estimates)
+            self._carrying[stored.id] = self._tasks.spawn(self._carry_out(execution, live))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
 
-    def _life(
+    def _execution(
         self, live: LiveRun, valve: PlantValve, order: Order, claim: Claim, estimates: LiveEstimates | None = None
-    ) -> Life:
-        return Life(
+    ) -> Execution:
+        return Execution(
             live,
             valve,
             order,
             claim,
             store=self._store,
-            owners=self._gate.owners,
+            owners=self._admission.owners,
             looks=self._looks,
             together=order.together,
             on_samples=self._on_samples,
@@ -251,22 +251,22 @@ class Runs:
             joins=joins,
         )
 
-    async def _carry_out(self, life: Life, live: LiveRun, *, rejoined: bool = False) -> None:
+    async def _carry_out(self, execution: Execution, live: LiveRun, *, rejoined: bool = False) -> None:
         """Let a test run to its end; an end that the store could not take is stored as soon as it can be.
 
         Until then the next start would know nothing of a bad end, and the disk alone would bar it.
         """
-        await life.run(self._motion, self._analyst, polling=self._polling, rejoined=rejoined)
-        if life.is_lost:
+        await execution.run(self._motion, self._analyst, polling=self._polling, rejoined=rejoined)
+        if execution.is_lost:
             await self._interrupt(live)
-        while not life.is_end_stored and not self._closing:
+        while not execution.is_end_stored and not self._closing:
             await asyncio.sleep(_STORE_AGAIN_S)
             try:
                 await asyncio.to_thread(self._store.runs.save, live.run)
             except Exception as error:  # noqa: BLE001  - whatever the store lacks now it may have later
                 _LOG.warning("end of test still not stored", test=live.run.id, error=str(error))
             else:
-                life.is_end_stored = True
+                execution.is_end_stored = True
                 _LOG.warning("end of test stored late", test=live.run.id)
 
     async def _interrupt(self, live: LiveRun) -> None:
@@ -294,7 +294,7 @@ class Runs:
         """
         valve = self.valve(tag)
         self._check_gateway(tag)
-        return await self._gate.permission(valve, permit)
+        return await self._admission.permission(valve, permit)
 
     async def acknowledge(self, run_id: str, requester: Requester, note: str) -> Run:
         """Note that somebody looked at the valve after a test that ended badly; the first note stays.
@@ -376,14 +376,14 @@ class Runs:
         """Return when the stem of a valve that was just tested was looked at, where that is about to happen."""
         until_s = time.monotonic() + _SOON_S
         while time.monotonic() < until_s:
-            live = self._live.find(self._gate.owners.holder(tag) or "")
+            live = self._live.find(self._admission.owners.holder(tag) or "")
             is_over = live is not None and (live.motion_ended.is_set() or live.run.state.finished)
             if not is_over or self._looks.due_in_s(tag) > _SOON_S:
                 return
             await asyncio.sleep(_LOOK_S)
 
     async def _asked_before(self, wanted: Run, permit: str | None) -> Run | None:
-        known = await self._gate.known(wanted, permit)
+        known = await self._admission.known(wanted, permit)
         if known is None:
             return None
         run = await self.get(known.id)
@@ -520,11 +520,11 @@ class Runs:
     async def _go_on(self, run: Run, order: Order) -> None:
         valve = self.valve(run.valve)
         live = self._live.begin(replace(run, until=order.until))
-        claim = await self._gate.claim_when_free(run, valve)
+        claim = await self._admission.claim_when_free(run, valve)
         estimates = self._estimates(live, valve, order.waveform, joins=True) if order.may_end_early else None
-        life = self._life(live, valve, order, claim, estimates)
+        execution = self._execution(live, valve, order, claim, estimates)
         _LOG.warning("test rejoined", test=run.id, valve=run.valve)
-        self._carrying[run.id] = self._tasks.spawn(self._carry_out(life, live, rejoined=True))
+        self._carrying[run.id] = self._tasks.spawn(self._carry_out(execution, live, rejoined=True))
 
     async def analyze(self, run_id: str, requester: Requester = LOCAL) -> Run:
         """Analyse the recording of a test anew, with what is known now; returns when that has begun.

@@ -17,8 +17,8 @@ from drivers.stands_at import StandsAt, stands_at
 from service.config.settings import PlantValve
 from service.model.run import Run
 from service.model.stands_words import stands_sentence
+from service.runs.admission import Admission
 from service.runs.bus_owners import Claim
-from service.runs.gate import Gate
 from service.runs.live import LiveRun
 from service.runs.tasks import Tasks
 from service.store.store import Store
@@ -71,11 +71,11 @@ class StemLooks:
     """Looks at stems, each in a task of its own. All methods belong to the event loop."""
 
     def __init__(
-        self, store: Store, motion: MotionLink, gate: Gate, tasks: Tasks, audit: AuditLog | None = None
+        self, store: Store, motion: MotionLink, admission: Admission, tasks: Tasks, audit: AuditLog | None = None
     ) -> None:
         self._store = store
         self._motion = motion
-        self._gate = gate
+        self._admission = admission
         self._tasks = tasks
         self._audit = audit
         self._closing = asyncio.Event()
@@ -85,7 +85,7 @@ class StemLooks:
         """Give the buses of a valve back and look at its stem when it is time; the valve is free after that."""
         wiring = rest.valve.wiring
         buses = {point.bus for point in (wiring.command, wiring.position) if point is not None}
-        self._gate.owners.rest(rest.claim, buses)
+        self._admission.owners.rest(rest.claim, buses)
         self._under_way[rest.run.valve] = rest
         self._tasks.spawn(self._look(rest))
 
@@ -101,11 +101,11 @@ class StemLooks:
     async def _look(self, rest: Rest) -> None:
         try:
             if await self._its_turn(rest) and (stands := await self._seen(rest)) is not None:
-                self._gate.owners.rest(rest.claim, ())  # the valve is kept until what was seen is stored
+                self._admission.owners.rest(rest.claim, ())  # the valve is kept until what was seen is stored
                 await self._keep(rest, stands)
         finally:
             self._under_way.pop(rest.run.valve, None)
-            self._gate.owners.release(rest.claim)
+            self._admission.owners.release(rest.claim)
 
     async def _paused(self) -> None:
         with suppress(TimeoutError):
@@ -147,8 +147,8 @@ class StemLooks:
             await asyncio.wait_for(self._closing.wait(), max(0.0, rest.due_in_s))
         while not self._closing.is_set():
             try:
-                async with self._gate.turn(rest.valve):
-                    await self._gate.owners.look(rest.claim)
+                async with self._admission.turn(rest.valve):
+                    await self._admission.owners.look(rest.claim)
                     return True
             except BusyError:
                 await asyncio.sleep(_TURN_S)

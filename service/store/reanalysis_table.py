@@ -16,7 +16,7 @@ from service.store.run_table import RunFilter
 from service.store.schema_health import FIGURES
 from service.store.schema_reanalyses import REANALYSES, REPEATS
 from service.store.schema_tests import TESTS
-from service.store.told import told, with_reason
+from service.store.sentences import with_reason, with_sentences
 from valve.errors import NotFoundError
 from valve.messages import say
 
@@ -31,7 +31,7 @@ def _reanalysis(row: Row[Any]) -> Reanalysis:
 
 
 def _repeat(row: Row[Any]) -> Repeat:
-    values = told(dict(row._mapping))
+    values = with_sentences(dict(row._mapping))
     return Repeat(**(values | {"state": RepeatState(values["state"])}))
 
 

@@ -19,7 +19,7 @@ from service.store.figure_table import write_figures
 from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
 from service.store.schema_tests import ANALYSES, TESTS
-from service.store.told import told
+from service.store.sentences import with_sentences
 from valve.errors import NotFoundError
 from valve.messages import TABLE, restored, say, with_table
 
@@ -303,7 +303,10 @@ class RunTable:
             rows = connection.execute(query).all()
         return {
             row.valve: ValveHead(
-                _head(row), row.completed_number, row.completed_at, None if row.health is None else told(row.health)
+                _head(row),
+                row.completed_number,
+                row.completed_at,
+                None if row.health is None else with_sentences(row.health),
             )
             for row in rows
         }

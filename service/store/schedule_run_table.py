@@ -12,13 +12,13 @@ from sqlalchemy.exc import IntegrityError
 
 from service.model.check import Check, CheckState
 from service.store.schema_nightly import SCHEDULE_RUNS
-from service.store.told import told, with_reason
+from service.store.sentences import with_reason, with_sentences
 from valve.errors import NotFoundError
 from valve.messages import say
 
 
 def _check(row: Row[Any]) -> Check:
-    values = told(dict(row._mapping))
+    values = with_sentences(dict(row._mapping))
     return Check(**(values | {"state": CheckState(values["state"])}))
 
 

@@ -12,7 +12,7 @@ from sqlalchemy import Engine, delete, insert, select
 from service.model.health_figures import Figure
 from service.model.watched_day import FrictionInService, JudgedBy, WatchedDay
 from service.store.schema_watched import WATCHED_DAYS
-from service.store.told import told, with_reason
+from service.store.sentences import with_reason, with_sentences
 from valve.messages import TABLE, with_table
 
 _FRICTION: Final = ("friction_n", "friction_n_low", "friction_n_high")
@@ -81,7 +81,7 @@ class WatchedTable:
 
 
 def _day(row: Any) -> WatchedDay:
-    reason = told({"reason": row.reason, TABLE: row.messages})["reason"]
+    reason = with_sentences({"reason": row.reason, TABLE: row.messages})["reason"]
     return WatchedDay(
         row.valve,
         row.day,
@@ -90,7 +90,7 @@ def _day(row: Any) -> WatchedDay:
         row.rows,
         row.judged_at,
         row.software,
-        None if row.document is None else told(row.document),
+        None if row.document is None else with_sentences(row.document),
         reason,
         JudgedBy(row.travel_m, row.area_m2),
     )

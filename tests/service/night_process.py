@@ -9,7 +9,7 @@ from pathlib import Path
 
 from service.config.settings import load_plant
 from service.runs.reanalyses import Reanalyses
-from service.schedules.house import nights
+from service.schedules.lifespan import running_schedules
 from service.schedules.nightly import Nightly
 from service.store.store import open_store
 from tests.service.stored_runs import runs_of
@@ -25,7 +25,7 @@ async def main(plant_file: Path, duration_s: float, run: bool) -> None:
     await runs.recover()
     nightly = Nightly(plant, store, runs)
     reanalyses = Reanalyses(plant, store, runs, software="breakaway 0")
-    async with nights(nightly, reanalyses, plant, store, runs):
+    async with running_schedules(nightly, reanalyses, plant, store, runs):
         if run:
             await nightly.run_now("nightly", "test")
         print("ready", flush=True)

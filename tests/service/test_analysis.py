@@ -15,7 +15,7 @@ from estimators.base import Outcome, failed
 from estimators.registry import ESTIMATORS
 from service.analysis.analysis import analyze_recordings, joined, recording_summary
 from service.analysis.diagnosis import assess, not_assessed
-from service.workers.analysis_pool import AnalysisPool
+from service.workers.analysis_process import AnalysisProcess
 from tests.support.hidden import hidden
 from tests.support.nominal_recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
@@ -318,7 +318,7 @@ async def test_the_real_worker_analyses_a_stored_recording_as_this_process_does(
     write_csv(recording, tmp_path / "bad.csv")
     (tmp_path / "bad.csv").write_text((tmp_path / "bad.csv").read_text().replace("position_m", "position_mm"))
     shares: list[float] = []
-    async with AnalysisPool() as pool:
+    async with AnalysisProcess() as pool:
         with pytest.raises(RecordingError, match=r"bad\.csv: unknown column 'position_mm'"):
             await pool.analyze(tmp_path / "bad.csv", PLATE)
         analysis = await pool.analyze(tmp_path / "a.parquet", PLATE, lambda share, _phase: shares.append(share))

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.outcome import PlayOutcome
 from service.config.settings import load_plant
-from service.runs.life import UPLOADING
+from service.runs.execution import UPLOADING
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.running_service import running_service
 

@@ -15,10 +15,10 @@ from service.config.settings import load_plant
 from service.model.run import RunState
 from service.model.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
 from service.routes.recording_formats import CSV, PARQUET, acceptable
+from service.runs.admission import Admission
 from service.runs.bus_owners import BusOwners
 from service.runs.events import EventLog
-from service.runs.gate import Gate
-from service.runs.life import Life
+from service.runs.execution import Execution
 from service.runs.live import LiveRun
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
@@ -256,13 +256,13 @@ async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Pa
     live.request_stop("stopped on request")
     rig, valve = FakeRig(), plant.valves["FV-101"]
     motion = motion_on(plant, rig, folder=store.folder)
-    gate = Gate(plant, store, motion)
-    owners, looks = gate.owners, StemLooks(store, motion, gate, Tasks())
+    admission = Admission(plant, store, motion)
+    owners, looks = admission.owners, StemLooks(store, motion, admission, Tasks())
     waveform = build_waveform("triangle", {}, valve.nameplate, valve.wiring.limits)
     order = Order(live.run.id, "FV-101", waveform, "triangle", live.run.number)
     claim = owners.claim(live.run.id, "FV-101", valve.buses)
-    life = Life(live, valve, order, claim, store=store, owners=owners, looks=looks)
-    await life.run(motion, FakeAnalyst(), polling=Polling())
+    execution = Execution(live, valve, order, claim, store=store, owners=owners, looks=looks)
+    await execution.run(motion, FakeAnalyst(), polling=Polling())
     assert live.run.state is RunState.STOPPED
     assert rig.orders == []
     assert owners.holder("FV-101") is None

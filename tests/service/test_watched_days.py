@@ -31,7 +31,7 @@ from service.schedules.watched import WatchedDays
 from service.store.database import _config, _engine
 from service.store.store import Store
 from service.watching.day import judge_day
-from service.workers.analysis_pool import AnalysisPool
+from service.workers.analysis_process import AnalysisProcess
 from simulator.assembly import SimulatedPlant
 from tests.estimators.in_service.records import AREA_M2, BREAKAWAY_PA, FRICTION_PA, PLATE, TRAVEL_M, record
 from tests.service.command_line import called
@@ -85,7 +85,7 @@ async def test_what_was_read_of_a_simulated_valve_gives_its_friction_within_the_
             await running
         assert simulated.records[TAG].events == ()
     stale = Staleness(plant)
-    async with AnalysisPool() as pool:
+    async with AnalysisProcess() as pool:
         days = WatchedDays(plant, store, stale, pool, "breakaway 0")
         assert await days.look(datetime.now(UTC)) == 0  # the day is not over
         assert await days.look(datetime.now(UTC) + timedelta(days=2)) == 1

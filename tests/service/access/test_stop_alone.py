@@ -19,7 +19,7 @@ import pytest
 import time_machine
 from fastapi import FastAPI
 
-from service.access import gate
+from service.access import authentication
 from service.access.access import Access
 from service.access.principal import Principal, Role
 from service.access.stop_grants import JUST_BEFORE_S, StopGrants
@@ -342,7 +342,7 @@ async def test_who_is_told_to_go_stops_nothing_any_more(quick_path: Path, how: s
 
 
 async def test_to_watch_a_test_keeps_the_session_open(quick_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate, "WATCHING_NOTED_S", 0.02)
+    monkeypatch.setattr(authentication, "WATCHING_NOTED_S", 0.02)
     async with signed_in(quick_path, "operator", rig_s=60.0) as served:
         me = body_of(await served.sign_in("operator"))
         own = {"X-CSRF-Token": me["csrf_token"]}
@@ -353,7 +353,7 @@ async def test_to_watch_a_test_keeps_the_session_open(quick_path: Path, monkeypa
             for minutes in (10, 20, 30):
                 with time_machine.travel(began + timedelta(minutes=minutes), tick=True):
                     await asyncio.sleep(0.3)
-        watchers = [task for task in asyncio.all_tasks() if task.get_name() == gate.WATCHER]
+        watchers = [task for task in asyncio.all_tasks() if task.get_name() == authentication.WATCHER]
         if watchers:  # a busy machine hears late that nobody watches any more
             assert not (await asyncio.wait(watchers, timeout=30.0))[1]
         await asyncio.sleep(0.1)  # a look that it had begun in a thread ends

@@ -1,4 +1,4 @@
-"""The gate: before any route sees a request, it is known who asks, or the request ends here.
+"""Before any route sees a request, it is known who asks, or the request ends here.
 
 A machine sends ``Authorization: Bearer TOKEN``; a browser its session's cookie, and with whatever changes something
 ``X-CSRF-Token`` from a page of our own. Where there is no sign-in everybody is ``local``.
@@ -74,7 +74,7 @@ class _Refusal(Exception):  # noqa: N818 - it is an answer, and leaves this modu
         self.status = status
 
 
-class Gate:
+class Authentication:
     """ASGI middleware that puts a Principal, or None on the few open paths, into ``request.state.principal``."""
 
     def __init__(self, app: ASGIApp) -> None:

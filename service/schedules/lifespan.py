@@ -59,7 +59,7 @@ class _Queue:
 
 
 @asynccontextmanager
-async def nights(
+async def running_schedules(
     nightly: Nightly, reanalyses: Reanalyses, plant: Plant, store: Store, runs: Runs
 ) -> AsyncIterator[None]:
     """Watch the clock, and carry out what was queued, while the service serves.

@@ -7,21 +7,21 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.gate import Gate
+from drivers.bus_queue import BusQueue
 
 STEPS = 24  # of the event loop; all is over after fewer
 
 
 class Users:
-    """Who used the gate, in order, and whether two ever did at once."""
+    """Who used the queue, in order, and whether two ever did at once."""
 
     def __init__(self) -> None:
-        self.gate = Gate()
+        self.queue = BusQueue()
         self.order: list[str] = []
         self.inside = 0
 
     async def use(self, name: str, *, priority: bool = False) -> None:
-        async with self.gate.hold(priority=priority):
+        async with self.queue.hold(priority=priority):
             self.inside += 1
             assert self.inside == 1, "two at once"
             self.order.append(name)
@@ -66,7 +66,7 @@ async def test_a_cancellation_at_any_await_ends_that_caller_alone(cancelled: tup
 @pytest.mark.parametrize("step", range(STEPS))
 async def test_a_cancellation_in_the_same_instant_as_the_turn_passes_it_on(step: int) -> None:
     users = Users()
-    async with users.gate.hold():
+    async with users.queue.hold():
         waiting = [asyncio.create_task(users.use(name)) for name in ("one", "two", "three")]
         for _ in range(4):
             await asyncio.sleep(0)

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from service.model.refusals import ThrottledError
 from service.model.watched_day import DayJudged
-from service.workers.analysis_pool import WORKER, AnalysisPool
+from service.workers.analysis_process import WORKER, AnalysisProcess
 from service.workers.polling import Polling
 from service.workers.priority import UPLOAD
 from valve.errors import InternalError
@@ -26,8 +26,8 @@ _REST_AFTER_S: Final = 60.0
 _UPLOAD_AGAIN_S: Final = 60.0  # an analysis takes about 20 s of a core
 
 
-class AnalysisCrew:
-    """As many workers as there are cores, at most four; they start one after the other, a while after the crew.
+class WorkerPool:
+    """As many workers as there are cores, at most four; they start one after the other, a while after the pool.
 
     First of all a service that has just started reads where its valves stand. What a worker loads, while valves move,
     makes their samples late, and the others find compiled what the first one compiled. They run at a lower priority
@@ -51,13 +51,13 @@ class AnalysisCrew:
         self._warm_after_s = warm_after_s
         self._cores = cores or os.cpu_count() or 1
         count = workers if workers is not None else min(self._cores, _MOST_WORKERS)
-        self._members = [AnalysisPool(command=command) for _ in range(count)]
+        self._members = [AnalysisProcess(command=command) for _ in range(count)]
         self._jobs = [0] * count
         self._tests_waiting = 0
-        self._uploads = AnalysisPool(
+        self._uploads = AnalysisProcess(
             command=command, niceness=UPLOAD, most_rows=MOST_UPLOADED_ROWS, most_memory_bytes=_MOST_UPLOAD_MEMORY_BYTES
         )
-        self._behind = [AnalysisPool(command=command, niceness=UPLOAD) for _ in range(max(1, count - 1))]
+        self._behind = [AnalysisProcess(command=command, niceness=UPLOAD) for _ in range(max(1, count - 1))]
         self._idle_behind = list(self._behind)
         self._resting: asyncio.Task[None] | None = None
         self._upload_turn = asyncio.Lock()
@@ -103,12 +103,12 @@ class AnalysisCrew:
         behind: bool = False,
         mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
-        """Return the analysis object, made by the first worker that is free; else as ``AnalysisPool.analyze``.
+        """Return the analysis object, made by the first worker that is free; else as ``AnalysisProcess.analyze``.
 
         An ``upload``, and what is ``behind``, waits for real tests. Raises ThrottledError where too many uploads wait
         already.
         """
-        place = self._upload_place() if upload else self._place_behind() if behind else self._free_member()
+        place = self._upload_slot() if upload else self._slot_behind() if behind else self._free_member()
         async with place as member:
             return await member.analyze(
                 recording_path,
@@ -122,12 +122,12 @@ class AnalysisCrew:
             )
 
     async def judge_day(self, path: Path, nameplate: Nameplate) -> DayJudged:
-        """Return what a day of a valve in service says, behind everything else; as ``AnalysisPool.judge_day``."""
-        async with self._place_behind() as member:
+        """Return what a day of a valve in service says, behind everything else; as ``AnalysisProcess.judge_day``."""
+        async with self._slot_behind() as member:
             return await member.judge_day(path, nameplate)
 
     @asynccontextmanager
-    async def _free_member(self) -> AsyncIterator[AnalysisPool]:
+    async def _free_member(self) -> AsyncIterator[AnalysisProcess]:
         """Wait for a worker, and for a core that no valve needs; one that was closed is free and refuses its job."""
         self._tests_waiting += 1
         try:
@@ -144,7 +144,7 @@ class AnalysisCrew:
             self._polling.tell()
 
     @asynccontextmanager
-    async def _upload_place(self) -> AsyncIterator[AnalysisPool]:
+    async def _upload_slot(self) -> AsyncIterator[AnalysisProcess]:
         if self._uploads_asked >= MOST_UPLOADS:
             raise ThrottledError(
                 f"{self._uploads_asked} uploads wait for their analysis, the most is {MOST_UPLOADS}: try again later, "
@@ -161,7 +161,7 @@ class AnalysisCrew:
             self._uploads_asked -= 1
 
     @asynccontextmanager
-    async def _place_behind(self) -> AsyncIterator[AnalysisPool]:
+    async def _slot_behind(self) -> AsyncIterator[AnalysisProcess]:
         """Wait until no test waits, and for a core that neither a valve nor another analysis needs."""
         while not self._closed and (self._tests_waiting or self._busy >= self._places or not self._idle_behind):
             await self._polling.change()

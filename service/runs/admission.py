@@ -37,7 +37,7 @@ def _refusals_logged(wanted: Run) -> Iterator[None]:
         raise
 
 
-class Gate:
+class Admission:
     """Lets tests in, one a bus. ``owners`` says who uses which valve. All methods belong to the event loop."""
 
     def __init__(self, plant: Plant, store: Store, motion: MotionLink) -> None:

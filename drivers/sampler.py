@@ -51,7 +51,7 @@ class _Part:
         self.last_live: tuple[int, ...] = ()
 
 
-class Eye:
+class Sampler:
     """Takes samples of one valve. Nothing is repeated: a look that fails is a gap.
 
     ``readers`` by the names of buses are what Modbus is read through, where the valve's own buses are not to be used.

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import AsyncIterator
 
 
-class Gate:
+class BusQueue:
     """Two locks of asyncio, which serve in order of arrival and lose no turn by a cancellation.
 
     Ordinary callers queue at ``_ordinary``, so that one of them at most stands at the bus itself; a stop goes there at

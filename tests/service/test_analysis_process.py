@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from service.workers.allowance import processor_time_s
-from service.workers.analysis_pool import AnalysisPool
+from service.workers.analysis_process import AnalysisProcess
 from tests.support.nominal_recordings import triangle_test
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Actuator, Nameplate
@@ -64,18 +64,18 @@ async def until(true: Callable[[], bool]) -> None:
 
 async def test_a_worker_is_below_the_service_before_it_has_loaded_anything() -> None:
     slow = (sys.executable, "-c", "import time; time.sleep(600)")
-    async with AnalysisPool(command=slow) as pool:
-        assert pool.worker_pid is not None
+    async with AnalysisProcess(command=slow) as process:
+        assert process.worker_pid is not None
         own = os.getpriority(os.PRIO_PROCESS, 0)
-        assert os.getpriority(os.PRIO_PROCESS, pool.worker_pid) > own
+        assert os.getpriority(os.PRIO_PROCESS, process.worker_pid) > own
 
 
 async def test_one_worker_answers_one_job_after_the_other() -> None:
     told: list[tuple[float, str]] = []
-    async with AnalysisPool(command=WORKER) as pool:
+    async with AnalysisProcess(command=WORKER) as process:
         first, second = await asyncio.gather(
-            pool.analyze("a.csv", PLATE, lambda share, phase: told.append((share, phase))),
-            pool.analyze(Path("b.csv"), PLATE),
+            process.analyze("a.csv", PLATE, lambda share, phase: told.append((share, phase))),
+            process.analyze(Path("b.csv"), PLATE),
         )
     assert (first["of"], second["of"], first["tag"]) == ("a.csv", "b.csv", "FV-101")
     assert first["pid"] == second["pid"]
@@ -84,112 +84,112 @@ async def test_one_worker_answers_one_job_after_the_other() -> None:
 
 
 async def test_an_error_of_the_worker_arrives_as_the_same_class_and_the_worker_stays() -> None:
-    async with AnalysisPool(command=WORKER) as pool:
-        pid = pool.worker_pid
+    async with AnalysisProcess(command=WORKER) as process:
+        pid = process.worker_pid
         with pytest.raises(RecordingError, match=r"^bad\.csv: wrong$"):
-            await pool.analyze("bad", PLATE)
+            await process.analyze("bad", PLATE)
         with pytest.raises(InternalError, match="lost"):
-            await pool.analyze("fault", PLATE)
-        assert (await pool.analyze("good", PLATE))["pid"] == pid
+            await process.analyze("fault", PLATE)
+        assert (await process.analyze("good", PLATE))["pid"] == pid
 
 
 @pytest.mark.parametrize("what", ["crash", "torn"])
 async def test_a_worker_that_crashes_fails_its_job_and_is_replaced(what: str) -> None:
-    async with AnalysisPool(command=WORKER) as pool:
-        first = pool.worker_pid
+    async with AnalysisProcess(command=WORKER) as process:
+        first = process.worker_pid
         with pytest.raises(InternalError, match="ended with code"):
-            await pool.analyze(what, PLATE)
-        answer = await pool.analyze("good", PLATE)
+            await process.analyze(what, PLATE)
+        answer = await process.analyze("good", PLATE)
         assert answer["pid"] not in (None, first)
 
 
 async def test_a_worker_that_is_killed_between_two_jobs_is_replaced_unnoticed() -> None:
-    async with AnalysisPool(command=WORKER) as pool:
-        first = (await pool.analyze("good", PLATE))["pid"]
+    async with AnalysisProcess(command=WORKER) as process:
+        first = (await process.analyze("good", PLATE))["pid"]
         os.kill(first, signal.SIGKILL)
         await until(lambda: not alive(first))
-        assert (await pool.analyze("good", PLATE))["pid"] != first
+        assert (await process.analyze("good", PLATE))["pid"] != first
 
 
 async def test_a_job_that_takes_too_long_is_ended_and_its_worker_replaced() -> None:
-    async with AnalysisPool(command=WORKER, time_limit_s=0.3) as pool:
-        first = pool.worker_pid
+    async with AnalysisProcess(command=WORKER, time_limit_s=0.3) as process:
+        first = process.worker_pid
         assert first is not None
         with pytest.raises(InternalError, match=r"took more than 0\.3 s"):
-            await pool.analyze("hang", PLATE)
+            await process.analyze("hang", PLATE)
         assert not alive(first)
-        assert (await pool.analyze("good", PLATE))["pid"] != first
+        assert (await process.analyze("good", PLATE))["pid"] != first
 
 
 @pytest.mark.parametrize(("what", "reason"), [("late crash", "process ended"), ("late hang", "took too long")])
 async def test_a_diagnosis_that_never_ends_leaves_the_estimates(what: str, reason: str) -> None:
-    async with AnalysisPool(command=WORKER, diagnosis_limit_s=0.3) as pool:
-        first = pool.worker_pid
+    async with AnalysisProcess(command=WORKER, diagnosis_limit_s=0.3) as process:
+        first = process.worker_pid
         assert first is not None
-        answer = await pool.analyze(what, PLATE)
+        answer = await process.analyze(what, PLATE)
         assert answer["of"] == what
         assert answer["discrepancy"]["verdict"] == "not_assessed"
         assert reason in answer["discrepancy"]["message"]
         assert not alive(first)
-        assert (await pool.analyze("late good", PLATE))["pid"] != first
+        assert (await process.analyze("late good", PLATE))["pid"] != first
 
 
 async def test_a_cancelled_job_ends_its_worker_so_that_no_late_answer_is_mistaken() -> None:
-    async with AnalysisPool(command=WORKER) as pool:
+    async with AnalysisProcess(command=WORKER) as process:
         running = asyncio.Event()
-        job = asyncio.create_task(pool.analyze("hang", PLATE, lambda _share, _phase: running.set()))
+        job = asyncio.create_task(process.analyze("hang", PLATE, lambda _share, _phase: running.set()))
         async with asyncio.timeout(60.0):
             await running.wait()
         job.cancel()
         with pytest.raises(asyncio.CancelledError):
             await job
-        assert (await pool.analyze("good", PLATE))["of"] == "good"
+        assert (await process.analyze("good", PLATE))["of"] == "good"
 
 
 async def test_closing_in_the_middle_of_a_job_leaves_no_process_and_fails_the_job() -> None:
-    pool = AnalysisPool(command=WORKER)
-    await pool.start()
-    pid = pool.worker_pid
+    process = AnalysisProcess(command=WORKER)
+    await process.start()
+    pid = process.worker_pid
     assert pid is not None
     shares: list[float] = []
-    job = asyncio.create_task(pool.analyze("hang", PLATE, lambda share, _phase: shares.append(share)))
-    waiting = asyncio.create_task(pool.analyze("good", PLATE))
+    job = asyncio.create_task(process.analyze("hang", PLATE, lambda share, _phase: shares.append(share)))
+    waiting = asyncio.create_task(process.analyze("good", PLATE))
     await until(lambda: 0.5 in shares)
-    await pool.close()
+    await process.close()
     assert not alive(pid)
     with pytest.raises(InternalError, match="ended with code"):
         await job
     with pytest.raises(InternalError, match="it was closed"):
         await waiting
-    await pool.close()
-    assert pool.worker_pid is None
+    await process.close()
+    assert process.worker_pid is None
 
 
 async def test_a_worker_that_cannot_start_is_an_internal_error() -> None:
-    async with AnalysisPool(command=(sys.executable, "-c", "raise SystemExit(7)")) as pool:
+    async with AnalysisProcess(command=(sys.executable, "-c", "raise SystemExit(7)")) as process:
         with pytest.raises(InternalError, match="ended with code 7"):
-            await pool.analyze("good", PLATE)
+            await process.analyze("good", PLATE)
 
 
 async def test_a_worker_that_dies_at_the_moment_of_the_next_job_is_replaced_unnoticed() -> None:
-    async with AnalysisPool(command=WORKER) as pool:
-        first = (await pool.analyze("good", PLATE))["pid"]
-        os.kill(first, signal.SIGKILL)  # and no waiting: the pool has not heard of it
-        assert (await pool.analyze("good", PLATE))["pid"] != first
+    async with AnalysisProcess(command=WORKER) as process:
+        first = (await process.analyze("good", PLATE))["pid"]
+        os.kill(first, signal.SIGKILL)  # and no waiting: the process has not heard of it
+        assert (await process.analyze("good", PLATE))["pid"] != first
 
 
 OWNER = """
 import asyncio
 import sys
 from pathlib import Path
-from service.workers.analysis_pool import AnalysisPool
+from service.workers.analysis_process import AnalysisProcess
 from tests.service.test_analysis_pool import PLATE
 async def main():
-    async with AnalysisPool() as pool:
-        print(pool.worker_pid, file=sys.stderr, flush=True)
-        await pool.warm()
+    async with AnalysisProcess() as process:
+        print(process.worker_pid, file=sys.stderr, flush=True)
+        await process.warm()
         print("ready", file=sys.stderr, flush=True)
-        await pool.analyze(Path({recording!r}), PLATE)
+        await process.analyze(Path({recording!r}), PLATE)
 asyncio.run(main())
 """
 
@@ -231,12 +231,12 @@ async def test_an_upload_that_unpacks_to_more_than_it_may_is_refused_before_or_w
         for number in range(3):
             time_s = pa.array(np.arange(number * zeros.size, (number + 1) * zeros.size, dtype=float))
             writer.write_table(pa.table([time_s, pa.array(zeros), pa.array(zeros)], names=NAMES))
-    async with AnalysisPool(most_rows=1_000_000, niceness=19) as pool:
+    async with AnalysisProcess(most_rows=1_000_000, niceness=19) as process:
         with pytest.raises(RecordingError, match="has 6000000 rows, the most is 1000000"):
-            await pool.analyze(tmp_path / "a.parquet", PLATE)
-    async with AnalysisPool(most_rows=100_000_000, most_memory_bytes=100_000_000) as pool:
+            await process.analyze(tmp_path / "a.parquet", PLATE)
+    async with AnalysisProcess(most_rows=100_000_000, most_memory_bytes=100_000_000) as process:
         with pytest.raises(RecordingError, match=r"more than 0\.1 GB of memory: send fewer samples"):
-            await pool.analyze(tmp_path / "a.parquet", PLATE)
+            await process.analyze(tmp_path / "a.parquet", PLATE)
 
 
 async def test_a_file_of_ones_own_is_understood_by_the_worker_that_uploads_have(tmp_path: Path) -> None:
@@ -245,10 +245,10 @@ async def test_a_file_of_ones_own_is_understood_by_the_worker_that_uploads_have(
     columns = zip(1e3 * recording.time_s, recording.pressure_pa / 1e5, 1e3 * recording.position_m, strict=True)
     rows = "\n".join(";".join(f"{cell:.9g}".replace(".", ",") for cell in row) for row in columns)
     (tmp_path / "own").write_text(f"Zeit [ms];Druck [bar];R\u00fcckmeldung [mm]\n{rows}\n", encoding="latin-1")
-    async with AnalysisPool(most_rows=2_000_000, most_memory_bytes=2_000_000_000) as pool:
+    async with AnalysisProcess(most_rows=2_000_000, most_memory_bytes=2_000_000_000) as process:
         with pytest.raises(RecordingError, match="no text in UTF-8"):
-            await pool.analyze(tmp_path / "own", PLATE)
-        analysis = await pool.analyze(tmp_path / "own", PLATE, mapping={})
+            await process.analyze(tmp_path / "own", PLATE)
+        analysis = await process.analyze(tmp_path / "own", PLATE, mapping={})
     assert [one["column"] for one in analysis["recording"]["understood"][0]["columns"]] == [
         "time_s", "pressure_pa", "position_m",
     ]  # fmt: skip

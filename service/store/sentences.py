@@ -14,7 +14,7 @@ def with_reason(reason: str) -> dict[str, Any]:
     return {**values, TABLE: with_table(values).get(TABLE)}
 
 
-def told(row: Mapping[str, Any]) -> dict[str, Any]:
+def with_sentences(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row, or a document, with its sentences as what they were made of, and without the table of that."""
     values = restored(row)
     values.pop(TABLE, None)

@@ -45,7 +45,7 @@ class _DiedWaitingError(_WorkerEndedError):
     """The same, with a worker that had been waiting for this job and had not begun to answer."""
 
 
-class AnalysisPool:
+class AnalysisProcess:
     """One worker process that analyses one recording after the other.
 
     ``start`` begins to load and compile at once; ``analyze`` waits for it. A worker that crashes or takes longer
@@ -96,7 +96,7 @@ class AnalysisPool:
         self._closed = True
         await self._discard()
 
-    async def __aenter__(self) -> AnalysisPool:
+    async def __aenter__(self) -> AnalysisProcess:
         """Start, as ``start`` does."""
         await self.start()
         return self

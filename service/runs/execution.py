@@ -1,4 +1,4 @@
-"""The life of one run, from its intent on disk to its result on disk."""
+"""The execution of one run, from its intent on disk to its result on disk."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ENDED: Final = "ended"  # however it did: no sign of how much was done
 OnSamples = Callable[[str, SampleBlock], None]  # a valve's tag and samples of it that were written down
 
 
-class Life:
+class Execution:
     """Carries one order out. The claim is given back as soon as the valve rests and its recording is on disk."""
 
     def __init__(
