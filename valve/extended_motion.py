@@ -56,6 +56,7 @@ def input_corners(
 
     With a lag the force begins at ``start_n``, by default settled, and chords follow the exponentials to
     INPUT_CHORD_ERROR of the largest force. The first time stays; the last is ``end_s`` or later.
+    ``force_time_s``, ``force_n``: shape (n_corners,).
     """
     if path.is_neutral:
         return force_time_s, force_n
@@ -98,7 +99,7 @@ class ExtendedStem:
         object.__setattr__(self, "_curves", self.valve.curves())
 
     def advance(self, state: ExtendedState, force_time_s: FloatArray, force_n: FloatArray) -> ExtendedState:
-        """Return the state at the last corner of a force that begins at ``state``; arrays as StemIntegrator's."""
+        """Return the state at the last corner of a force that begins at ``state``; arrays: shape (n_corners,)."""
         vector = state.vector()
         self._run(vector, (force_time_s, force_n), float(force_time_s[-1]), room=0)
         return state_from_vector(vector)
@@ -116,7 +117,10 @@ class ExtendedStem:
         *,
         rests: Rests | None = None,
     ) -> ExtendedMotion:
-        """Return the motion from ``state`` at ``time_s``, as ``simulate_extended`` with arrays checked already."""
+        """Return the motion from ``state`` at ``time_s``, as ``simulate_extended`` with arrays checked already.
+
+        The force's arrays: shape (n_corners,); ``time_s``: shape (n,).
+        """
         vector = state.vector()
         position_m, sensed_m, velocity_m_per_s, mode, acting_n = outputs = _room(time_s.size)
         end_s = float(time_s[-1]) if time_s.size else float(force_time_s[-1])
@@ -207,9 +211,9 @@ def simulate_extended(
 ) -> ExtendedMotion:
     """Simulate an extended valve under an actuator force S_a P that is straight between its corners.
 
-    Corners and outputs as in ``simulate_motion``. ``command``: the force is the one asked for and takes the input
-    path; without, it is measured at the actuator and acts as it is. ``rests`` puts the stem to rest where it was
-    seen to rest, so that the steps of a stick-slip stay in phase with a measurement's.
+    Corners, shape (n_corners,), and outputs, shape (n,), as in ``simulate_motion``. ``command``: the force is the one
+    asked for and takes the input path; without, it is measured at the actuator and acts as it is. ``rests`` puts the
+    stem to rest where it was seen to rest, so that the steps of a stick-slip stay in phase with a measurement's.
     Raises WaveformError for malformed arrays, ParameterError for a start beyond a rigid stop, MotionError after
     ``most_events`` changes of mode.
     """

@@ -97,7 +97,7 @@ class ExtendedState:
 
 
 def state_from_vector(state: FloatArray) -> ExtendedState:
-    """Return the state that the kernel left."""
+    """Return the state that the kernel left: one value for each of STATES, SI, shape (n_states,)."""
     sensor_m = None if math.isnan(state[PLAYED]) else (float(state[PLAYED]), float(state[SHOWN]), float(state[LAGGED]))
     return ExtendedState(
         StemState(float(state[AT_X]), float(state[AT_V]), Mode(int(state[IN_MODE]))),

@@ -203,7 +203,10 @@ class StemIntegrator:
         object.__setattr__(self, "_arguments", kernel_arguments(self.parameters, self.stops))
 
     def advance(self, state: StemState, force_time_s: FloatArray, force_n: FloatArray) -> StemState:
-        """Return the state at the last corner of a force that begins at ``state``."""
+        """Return the state at the last corner of a force that begins at ``state``.
+
+        Force's arrays: shape (n_corners,).
+        """
         status, events, position_m, velocity_m_per_s, mode = follow(
             *self._arguments,
             float(state.position_m),
@@ -231,7 +234,7 @@ class StemIntegrator:
         return self.advance(state, np.array((0.0, duration_s)), np.array((start_n, end_n), dtype=np.float64))
 
     def events(self, state: StemState, force_time_s: FloatArray, force_n: FloatArray) -> tuple[ModeChanges, StemState]:
-        """Return the changes of mode and the state at the last corner."""
+        """Return the changes of mode and the state at the last corner of a force; its arrays: shape (n_corners,)."""
         end_s = float(force_time_s[-1])
         outputs = (end_s, _NO_VALUES, 0.0, _NO_VALUES, _NO_VALUES, _NO_MODES, _NO_VALUES)
         return _follow(self._arguments, state, (force_time_s, force_n), outputs, most_events=self.most_events)

@@ -22,7 +22,10 @@ _THE_STEM: Final = say("the_stem", "the stem")
 
 
 def float_array(values: npt.ArrayLike) -> FloatArray:
-    """Return the values as the kernels take them: contiguous, writeable float64; a copy only where needed."""
+    """Return the values as the kernels take them: contiguous, writeable float64; a copy only where needed.
+
+    Any shape and unit.
+    """
     return np.require(values, np.float64, ["C", "W"])
 
 

@@ -46,7 +46,7 @@ _PRESSURES: Final = (("kPa", 1.0e3), ("bar", PASCAL_PER_BAR), ("psi", PASCAL_PER
 def require_channels_in_place(
     position_m: FloatArray, pressure_pa: FloatArray, nameplate: Nameplate, source: str
 ) -> None:
-    """Raise RecordingError where position and pressure stand in each other's column."""
+    """Raise RecordingError where position and pressure stand in each other's column; both of shape (n,)."""
     travel_m = nameplate.actuator.travel_m
     reached_m, reached_pa = _largest(position_m), _largest(pressure_pa)
     if reached_m >= _LOWEST_FULL_PRESSURE_PA and 0.0 < reached_pa <= _MOST_TRAVELS * travel_m:
@@ -68,6 +68,7 @@ def require_plausible_time(time_s: FloatArray, source: str, *, in_service: bool 
     """Raise RecordingError where the time cannot be in seconds, or is too slow to show any motion.
 
     ``in_service``: rows of a historian, which come slowly and where something changed only, over many days.
+    ``time_s``: shape (n,).
     """
     if time_s.size < 2:
         return
@@ -117,7 +118,10 @@ def require_plausible_time(time_s: FloatArray, source: str, *, in_service: bool 
 
 
 def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, source: str) -> None:
-    """Raise RecordingError where the position cannot be in metres: it goes far beyond the rated travel."""
+    """Raise RecordingError where the position cannot be in metres: it goes far beyond the rated travel.
+
+    ``position_m``: shape (n,).
+    """
     travel_m = nameplate.actuator.travel_m
     reached, most_m = _largest(position_m), _MOST_TRAVELS * travel_m
     if reached <= most_m:
@@ -160,6 +164,7 @@ def require_plausible_pressure(
     """Raise RecordingError where a pressure cannot be in Pa: the stem moves at next to none, or it is beyond all.
 
     Where the nameplate has no range, a command of usual size says what the pressure should reach.
+    All channels: shape (n,).
     """
     reached = _largest(pressure_pa)
     full_pa = _full_pressure_pa(nameplate)
@@ -214,8 +219,8 @@ def require_moving_input(
 ) -> None:
     """Raise RecordingError where the stem of a spring-opposed actuator goes and no input does.
 
-    ``inputs_pa`` are its pressure and its command by name, those that were recorded. Without a known range of the
-    pressure nothing is said: then nobody knows what is little.
+    ``inputs_pa`` are its pressure and its command by name, those that were recorded; all of shape (n,). Without a
+    known range of the pressure nothing is said: then nobody knows what is little.
     """
     full_pa, went_m = _full_pressure_pa(nameplate), _span(position_m)
     if nameplate.actuator.action is not Action.SPRING or full_pa is None or not inputs_pa:
@@ -241,7 +246,7 @@ def require_moving_input(
 
 
 def require_plausible_current(command_ma: FloatArray, source: str) -> None:
-    """Raise RecordingError where a current is beyond what a 4-20 mA loop carries."""
+    """Raise RecordingError where a current is beyond what a 4-20 mA loop carries; ``command_ma``: shape (n,)."""
     present = command_ma[np.isfinite(command_ma)]
     low, high = _CURRENT_LOOP_MA
     if present.size == 0:
@@ -270,7 +275,10 @@ def require_plausible_current(command_ma: FloatArray, source: str) -> None:
 
 
 def require_no_stand_ins(name: str, values: FloatArray, source: str) -> None:
-    """Raise RecordingError where few values are a number that loggers write for none, far from all the others."""
+    """Raise RecordingError where few values are a number that loggers write for none, far from all the others.
+
+    ``values``: shape (n,), in any unit.
+    """
     odd = np.isin(values, _STAND_INS)
     count = int(np.count_nonzero(odd))
     others = values[np.isfinite(values) & ~odd]

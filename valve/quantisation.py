@@ -26,15 +26,15 @@ class Grid:
     divisor: float = 1.0
 
     def values(self, numbers: FloatArray) -> FloatArray:
-        """Values of whole numbers, any shape; NaN stays NaN."""
+        """Values of whole numbers, any shape, in the unit of ``scale``; NaN stays NaN."""
         return np.asarray(self.scale * numbers / self.divisor + self.offset)
 
     def whole_numbers(self, values: FloatArray) -> FloatArray:
-        """Nearest whole number of each value, as float64; NaN stays NaN."""
+        """Nearest whole number of each value, any shape, in the unit of ``scale``; as float64; NaN stays NaN."""
         return np.asarray(np.rint((values - self.offset) * self.divisor / self.scale))
 
     def holds(self, values: FloatArray) -> bool:
-        """Whether every value comes back bit by bit."""
+        """Whether every value, any shape, in the unit of ``scale``, comes back bit by bit."""
         numbers = self.whole_numbers(values) + 0.0  # a stored -0 comes back as +0, which is another value
         if not bool((np.abs(numbers) < _MOST_STEPS).all()):
             return False
@@ -46,6 +46,7 @@ def find_grid(values: FloatArray) -> Grid | None:
 
     Tried in turn: decimal fractions (a file), whole multiples of a step (a clock), and what
     ``Register.decode`` computes, ``scale * raw + offset``, with an offset that is a short number.
+    ``values``: any shape and unit.
     """
     with np.errstate(all="ignore"):  # numbers near the ends of float64 overflow on the way and are then refused
         return _found_grid(values[np.isfinite(values)])

@@ -248,7 +248,7 @@ class Recording:
         )
 
     def rows(self, keep: npt.NDArray[np.bool_] | slice) -> Recording:
-        """Return the recording with only the rows that ``keep`` selects."""
+        """Return the recording with only the rows that ``keep``, shape (n,), selects."""
 
         def chosen(channel: FloatArray | None) -> FloatArray | None:
             return None if channel is None else channel[keep]

@@ -61,7 +61,10 @@ def too_many_rows(source: str, rows: int, most_rows: int) -> str:
 
 
 def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
-    """Return a CSV file: the header, then one row a sample; a gap is an empty cell, a number reads back bitwise."""
+    """Return a CSV file: the header, then one row a sample; a gap is an empty cell, a number reads back bitwise.
+
+    ``columns``: shape (n,) each, in the unit that the name ends in.
+    """
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     sink = io.BytesIO()
     sink.write((",".join(columns) + "\n").encode())

@@ -175,7 +175,7 @@ def recording_from_columns(
 ) -> Recording:
     """Recording of columns by the contract's names, each requirement checked with the file's name in the message.
 
-    Raises RecordingError as ``read_recording``.
+    Raises RecordingError as ``read_recording``. ``columns``: shape (n,) each, in the unit that the name ends in.
     """
     _require_columns(columns, source)
     _require_rising_time(columns["time_s"], source)

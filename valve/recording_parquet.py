@@ -28,7 +28,7 @@ _BYTES_A_NUMBER: Final = 16  # 8, and as much again for a dictionary and the pag
 
 
 def parquet_bytes(columns: Mapping[str, FloatArray], provenance: Provenance, sample_period_s: float) -> bytes:
-    """Return a Parquet file of these columns.
+    """Return a Parquet file of these columns, shape (n,) each, in the unit that the name ends in.
 
     A column whose every value is exactly ``scale * n / divisor + offset`` for whole n is kept as n; any other as
     float64. The schema's metadata under ``breakaway`` says the unit, the scale, the rate and where the data come from.
