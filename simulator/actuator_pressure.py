@@ -54,7 +54,10 @@ class ActuatorPressure:
         self.gauge_pa = self.pressure_pa
 
     def follow(self, start_s: float, after_s: FloatArray, asked_pa: FloatArray, air: AirState) -> PressureCourse:
-        """Go on from ``start_s`` while this is asked for; return the course."""
+        """Go on from ``start_s`` while this is asked for; return the course.
+
+        Corners, ``after_s`` from there on: shape (n_corners,).
+        """
         duration_s = float(after_s[-1])
         after_s, asked_pa = self._loop.follow(after_s, asked_pa)
         after_s, target_pa = limited(after_s, asked_pa, air.reaching_pa)

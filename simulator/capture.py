@@ -38,7 +38,7 @@ def capture_ranges(valve: SimulatedValve) -> CaptureRanges:
     return CaptureRanges(valve.position.span, range_pa if valve.pressure is None else valve.pressure.span, range_pa)
 
 
-def captured_words(value: FloatArray, span: tuple[float, float]) -> WordArray:
+def _captured_words(value: FloatArray, span: tuple[float, float]) -> WordArray:
     """Words 0 to 65534 over ``span``, 0xFFFF for NaN; shape as given."""
     share = (value - span[0]) / (span[1] - span[0])
     word = np.clip(np.rint(share * TOP_WORD), 0.0, TOP_WORD)
@@ -71,11 +71,11 @@ class Capture:
         until = self.taken + samples.position_m.size
         rows, number = self._words[self.taken : until], self._first_number + self.taken
         readings_m = valve.position.readings(samples.sensed_m, number, samples.sensed_at_s)
-        rows[:, 0] = captured_words(readings_m, ranges.position_m)
+        rows[:, 0] = _captured_words(readings_m, ranges.position_m)
         if valve.pressure is not None:
             readings_pa = valve.pressure.readings(samples.gauge_pa, number, samples.gauge_at_s)
-            rows[:, 1] = captured_words(readings_pa, ranges.pressure_pa)
-        rows[:, 2] = captured_words(samples.asked_pa, ranges.command_pa)
+            rows[:, 1] = _captured_words(readings_pa, ranges.pressure_pa)
+        rows[:, 2] = _captured_words(samples.asked_pa, ranges.command_pa)
         self.taken = until
 
     def window(self, index: int) -> list[int]:
@@ -84,7 +84,7 @@ class Capture:
 
 
 def window_words(samples: WordArray, index: int) -> list[int]:
-    """WINDOW_SAMPLES rows of ``samples`` from ``index`` on, in one list; 0xFFFF beyond the end."""
+    """WINDOW_SAMPLES rows of ``samples``, shape (n, 3), from ``index`` on, in one list; 0xFFFF beyond the end."""
     rows = samples[index : index + WINDOW_SAMPLES].reshape(-1).tolist()
     return [*rows, *([MISSING_SAMPLE] * (WINDOW_SAMPLES * len(WINDOW_CHANNELS) - len(rows)))]
 

@@ -72,7 +72,10 @@ class LoopState:
         return float(self._levels_pa[0]) + 4.0 * loop.hysteresis_pa / loop.span_pa * bent_pa
 
     def follow(self, time_s: FloatArray, command_pa: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Corners of the output for the lines through these corners of the command: one more where a play takes up."""
+        """Corners of the output for the lines through these corners of the command: one more where a play takes up.
+
+        Both: shape (n_corners,).
+        """
         if self._loop.is_neutral:
             return time_s, command_pa
         times_s, outputs_pa = [float(time_s[0])], [self.at(float(command_pa[0]))]

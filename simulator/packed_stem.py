@@ -144,20 +144,26 @@ class PackedStem:
         return float(self._state[FILTERED])
 
     def advance(self, time_s: FloatArray, force_n: FloatArray) -> None:
-        """Go on under this actuator force to its last corner."""
+        """Go on under this actuator force to its last corner; arrays: shape (n_corners,)."""
         self._run(time_s, force_n, _NO_VALUES)
 
     def sample(self, time_s: FloatArray, force_n: FloatArray, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Go on in the same way and say where the stem was on the way."""
+        """Go on in the same way and say where the stem was at ``wanted_s``, shape (n,); corners: shape (n_corners,)."""
         motion = self._run(time_s, force_n, wanted_s)
         return motion.position_m, motion.sensed_m
 
     def motion(self, time_s: FloatArray, force_n: FloatArray, wanted_s: FloatArray) -> PackedMotion:
-        """Go on in the same way and return all that can be said; ``wanted_s`` rises up to the last corner."""
+        """Go on in the same way and return all that can be said.
+
+        Force of shape (n_corners,); ``wanted_s``, shape (n,), rises up to the last corner.
+        """
         return self._run(time_s, force_n, wanted_s)
 
     def hold(self, duration_s: float, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stay where it is, whatever the force: the stem is jammed, and only the sensor still settles."""
+        """Stay where it is, whatever the force: the stem is jammed, and only the sensor still settles.
+
+        ``wanted_s``: shape (n,).
+        """
         state = self._state
         state[AT_V], state[IN_MODE], state[BRISTLE] = 0.0, Mode.STUCK, math.nan
         held_at = self._slots.copy()

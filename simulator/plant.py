@@ -125,7 +125,10 @@ class SoftwareValve:
         self.asked.step_to(self.time_s, self.settings.transducer.level(pressure_pa))
 
     def play(self, after_s: FloatArray, pressure_pa: FloatArray) -> None:
-        """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not."""
+        """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not.
+
+        ``after_s``, ``pressure_pa``: shape (n_corners,).
+        """
         self._asked_s = self.time_s + float(after_s[-1])
         self._begin_record(self._asked_s, played=True)
         self.asked.replace_from(self.time_s, after_s, self.settings.transducer.quantised(pressure_pa))
@@ -151,7 +154,10 @@ class SoftwareValve:
         self.faults = (*self.faults, fault)
 
     def advance(self, to_s: float, sample_s: FloatArray = _NO_TIMES) -> Samples | None:
-        """Go to ``to_s`` and return values at ``sample_s``, rising times from now to ``to_s``; None without."""
+        """Go to ``to_s`` and return values at ``sample_s``; None without.
+
+        These are rising times from now to ``to_s``, shape (n,).
+        """
         if not self.time_s < self._record_until_s < to_s:
             found = self._advance_shown(to_s, sample_s)
             if self.time_s == self._record_until_s:

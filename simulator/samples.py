@@ -52,7 +52,7 @@ class Memory:
         self._rows = np.array([[time_s], [sensed_m], [gauge_pa]])
 
     def note(self, time_s: FloatArray, sensed_m: FloatArray, gauge_pa: FloatArray) -> None:
-        """Note what there was at these times, later than all before."""
+        """Note what there was at these times, later than all before; arrays: shape (n,)."""
         old = self._rows[:, self._rows[0] < time_s[0]]
         self._rows = np.concatenate((old, np.vstack((time_s, sensed_m, gauge_pa))), axis=1)
 

@@ -37,7 +37,7 @@ def _mixed_array(value: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
 
 
 def noise(seed: int, samples: npt.NDArray[np.int64]) -> FloatArray:
-    """Standard normal values, one a sample number; the same (seed, number) gives the same value.
+    """Standard normal values, one a sample number, shape as given; the same (seed, number) gives the same value.
 
     Two splitmix64 numbers a sample, turned into a normal one by Box and Muller's transformation.
     """
@@ -196,7 +196,9 @@ class Sensor:
         return np.asarray(taken_s)
 
     def readings(self, true: FloatArray, first_sample: int, taken_s: FloatArray | None = None) -> FloatArray:
-        """Readings of these true values, the samples numbered from ``first_sample``; NaN stays NaN. Shape as given.
+        """Readings of these true values, the samples numbered from ``first_sample``; NaN stays NaN.
+
+        Shape as given, in the unit of ``span``.
 
         ``taken_s`` says when each was taken: noise with a colour, hum and drop-outs go by it, and a held reading keeps
         its noise. Without it there are none of these.

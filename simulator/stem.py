@@ -39,13 +39,13 @@ class FollowedStem(Protocol):
         """Position that the sensor shows, before its noise and resolution, m."""
 
     def advance(self, time_s: FloatArray, force_n: FloatArray) -> None:
-        """Go on under this actuator force to its last corner."""
+        """Go on under this actuator force to its last corner; arrays: shape (n_corners,)."""
 
     def sample(self, time_s: FloatArray, force_n: FloatArray, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Go on in the same way and say where the stem was on the way."""
+        """Go on in the same way and say where the stem was at ``wanted_s``, shape (n,); corners: shape (n_corners,)."""
 
     def hold(self, duration_s: float, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stay where it is, whatever the force: the stem is jammed."""
+        """Stay where it is, whatever the force: the stem is jammed. ``wanted_s``: shape (n,)."""
 
     def begin_record(self) -> None:
         """Begin what counts from the start of a record (a drift, a vibration's phase) anew."""
@@ -65,11 +65,11 @@ class PlainStem:
         return self.state.position_m
 
     def advance(self, time_s: FloatArray, force_n: FloatArray) -> None:
-        """Go on under this actuator force to its last corner."""
+        """Go on under this actuator force to its last corner; arrays: shape (n_corners,)."""
         self.state = self._integrator.advance(self.state, time_s, force_n)
 
     def sample(self, time_s: FloatArray, force_n: FloatArray, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Go on in the same way and say where the stem was on the way."""
+        """Go on in the same way and say where the stem was at ``wanted_s``, shape (n,); corners: shape (n_corners,)."""
         # A motion ends with its last output: the end of the course is one more.
         motion = simulate_motion(
             self._parameters,
@@ -84,7 +84,7 @@ class PlainStem:
         return position_m, position_m
 
     def hold(self, duration_s: float, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002 - the protocol's
-        """Stay where it is: the stem is jammed."""
+        """Stay where it is: the stem is jammed. ``wanted_s``: shape (n,)."""
         self.state = StemState(self.state.position_m, 0.0)
         position_m = np.full(wanted_s.shape, self.state.position_m)
         return position_m, position_m
@@ -115,18 +115,18 @@ class StemWithEffects:
         return self._now.sensed_m
 
     def advance(self, time_s: FloatArray, force_n: FloatArray) -> None:
-        """Go on under this actuator force to its last corner."""
+        """Go on under this actuator force to its last corner; arrays: shape (n_corners,)."""
         for piece_s, piece_n in _pieces(time_s, force_n):
             self._now = self._stem.advance(self._now, piece_s, piece_n)
 
     def sample(self, time_s: FloatArray, force_n: FloatArray, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Go on in the same way and say where the stem was on the way."""
+        """Go on in the same way and say where the stem was at ``wanted_s``, shape (n,); corners: shape (n_corners,)."""
         motion = self._stem.motion(self._now, time_s, force_n, np.append(wanted_s, time_s[-1]))
         self._now = motion.final_state
         return motion.position_m[:-1], motion.sensed_m[:-1]
 
     def hold(self, duration_s: float, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stay where it is: the stem is jammed, and only the sensor still settles."""
+        """Stay where it is: the stem is jammed, and only the sensor still settles. ``wanted_s``: shape (n,)."""
         now = self._now
         sensor_m, sensed_m = now.sensor_m, np.full(wanted_s.shape, now.sensed_m)
         if sensor_m is not None and self._lag_s > 0.0:

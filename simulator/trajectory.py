@@ -40,7 +40,10 @@ class Trajectory:
         return bool(time_s >= self._time_s[-1])
 
     def replace_from(self, start_s: float, after_s: FloatArray, pressure_pa: FloatArray) -> None:
-        """From ``start_s`` on follow these corners, ``after_s`` later each; a jump to the first is a step."""
+        """From ``start_s`` on follow these corners, ``after_s`` later each; a jump to the first is a step.
+
+        Corners: shape (n_corners,).
+        """
         kept = self._time_s < start_s
         before_pa = self._at_left(start_s)
         self._time_s = np.concatenate([self._time_s[kept], [start_s], start_s + after_s])

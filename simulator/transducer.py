@@ -62,7 +62,7 @@ class Hunting:
         return (number + late) * half_s, side * self.swing_pa * (1.0 + more)
 
     def swung(self, time_s: FloatArray, pressure_pa: FloatArray, start_s: float) -> tuple[FloatArray, FloatArray]:
-        """Corners of a pressure with the swing on top; ``start_s`` is the clock's time at ``time_s`` 0."""
+        """Corners, shape (n_corners,), of a pressure with the swing; ``start_s`` is the clock's at ``time_s`` 0."""
         if self.swing_pa == 0.0:
             return time_s, pressure_pa
         turn_s, added_pa = self.turns(start_s + float(time_s[0]), start_s + float(time_s[-1]))
@@ -170,7 +170,7 @@ class Transducer:
         return Loop(self.dead_band_pa, self.hysteresis_pa, self.range_pa[1] - self.range_pa[0])
 
     def leaking(self, pressure_pa: FloatArray) -> FloatArray:
-        """Return what a leak leaves of these pressures, Pa."""
+        """Return what a leak leaves of these pressures, Pa, shape as given."""
         return pressure_pa if self.leak == 0.0 else np.asarray((1.0 - self.leak) * pressure_pa)
 
     def settled_pa(self, asked_pa: float, supply_pa: float) -> float:
@@ -196,14 +196,14 @@ class Transducer:
         )
 
     def quantised(self, pressure_pa: FloatArray) -> FloatArray:
-        """Nearest levels of the output to these pressures, Pa, clipped to the range."""
+        """Nearest levels of the output to these pressures, Pa, clipped to the range; shape as given."""
         low_pa, high_pa = self.range_pa
         steps = np.rint((np.clip(pressure_pa, low_pa, high_pa) - low_pa) / self.resolution_pa)
         return np.asarray(low_pa + steps * self.resolution_pa)
 
 
 def limited(time_s: FloatArray, asked_pa: FloatArray, limit_pa: float) -> tuple[FloatArray, FloatArray]:
-    """Corners of min(asked, limit): a corner is added where a line crosses the limit."""
+    """Corners of min(asked, limit): a corner is added where a line crosses the limit. Corners: shape (n_corners,)."""
     if asked_pa.max() <= limit_pa:
         return time_s, asked_pa
     above = asked_pa > limit_pa
@@ -243,7 +243,7 @@ def _line_response(
 def lagged(time_s: FloatArray, target_pa: FloatArray, start_pa: float, lag_s: float) -> tuple[FloatArray, FloatArray]:
     """Corners of the first-order answer P' = (target - P)/lag_s that starts at ``start_pa`` at the first time.
 
-    Without a lag the target itself, its first pressure included.
+    Without a lag the target itself, its first pressure included. Corners: shape (n_corners,).
     """
     if lag_s == 0.0:
         return time_s, target_pa
@@ -263,7 +263,10 @@ def lagged(time_s: FloatArray, target_pa: FloatArray, start_pa: float, lag_s: fl
 
 
 def value_at(time_s: FloatArray, value: FloatArray, wanted_s: FloatArray) -> FloatArray:
-    """Value of the lines through these corners at ``wanted_s``; after a step counts, the ends are held."""
+    """Value of the lines through these corners at ``wanted_s``; after a step counts, the ends are held.
+
+    Corners: shape (n_corners,), ``value`` in any unit; ``wanted_s``: any shape.
+    """
     if time_s.size == 1:
         return np.full(wanted_s.shape, value[0])
     after = np.clip(np.searchsorted(time_s, wanted_s, side="right"), 1, time_s.size - 1)

@@ -36,7 +36,10 @@ class MovedWindows:
         self.moved = 0
 
     def take(self, rows: FloatArray) -> FloatArray:
-        """Return the rows to keep now, those that waited and led to a motion before them; none: shape (0, 4)."""
+        """Return the rows to keep now, those that waited and led to a motion before them; none: shape (0, 4).
+
+        ``rows``: shape (n, 4), in s, m, Pa and Pa.
+        """
         if self._has_moved(rows):
             self.moved += 1
             kept = [*self._waiting, rows]

@@ -115,7 +115,7 @@ class WatchFileWriter:
         sync_folder(path.parent)
 
     def append(self, rows: FloatArray) -> None:
-        """Hand rows, shape (n, 4), to the operating system: they survive the death of this process."""
+        """Hand rows, shape (n, 4), in s, m, Pa and Pa, to the operating system so that they survive this process."""
         packed = np.empty(len(rows), _ROW)
         for place, name in enumerate(_ROW.names or ()):
             packed[name] = rows[:, place]

@@ -48,7 +48,7 @@ class Steps:
 def steps_at(times: Sequence[datetime], values: FloatArray, least: FloatArray) -> list[Step | None]:
     """Return each figure's change of level within the newest tests, times ascending; None where it may be a wander.
 
-    Shapes as of ``steps_of``.
+    ``values``: shape (n, n_figures), and ``least``: shape (2, n_figures), in each figure's unit.
     """
     newest = times[-MOST_TESTS:]
     days = np.array([(at - newest[-1]).total_seconds() for at in newest]) / _DAY_S
@@ -64,7 +64,7 @@ def steps_at(times: Sequence[datetime], values: FloatArray, least: FloatArray) -
 
 
 def steps_of(days: FloatArray, values: FloatArray, least: FloatArray) -> Steps:
-    """Return the surest change of each figure, shape (n, n_figures), that lies within the newest tests.
+    """Return the surest change of each figure, shape (n, n_figures), in its unit, that lies within the newest tests.
 
     ``days`` are those of the tests, shape (n,); ``least`` has the smallest rise and fall that count, shape
     (2, n_figures). No single test makes a change: of the tests since it the one that is farthest counts as the next,

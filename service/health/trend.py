@@ -108,9 +108,9 @@ def slope_of(times: Sequence[datetime], values: Sequence[float]) -> Slope | None
 def lines_through(days: FloatArray, values: FloatArray) -> Lines:
     """Return the lines through figures that wander from test to test.
 
-    ``days`` are those of the tests, shape (n,), ``values`` the figures, shape (n, n_figures). A figure is a line, what
-    is new in each test, and a wander that is forgotten exponentially. Tests far from the line by Theil (1950) and Sen
-    (1968) are drawn nearer first.
+    ``days`` are those of the tests, shape (n,), ``values`` the figures, shape (n, n_figures), each in its unit. A
+    figure is a line, what is new in each test, and a wander that is forgotten exponentially. Tests far from the line by
+    Theil (1950) and Sen (1968) are drawn nearer first.
     """
     found = fitted(days, days, _without_odd(days, values))
     covariance = (found.covariance[0, 0], found.covariance[0, 1], found.covariance[1, 1])

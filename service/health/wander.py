@@ -51,7 +51,7 @@ def scatter_between(values: Sequence[float]) -> float:
 
 
 def fitted(days: FloatArray, regressor: FloatArray, values: FloatArray) -> Fit:
-    """Return the fit of a constant and a regressor, shape (n,), to figures, shape (n, n_figures).
+    """Return the fit of a constant and a regressor, shape (n,), to figures, shape (n, n_figures), in any units.
 
     ``days`` are those of the tests, shape (n,). A figure is what is fitted, what is new in each test, and a wander
     that is forgotten exponentially.

@@ -42,7 +42,7 @@ def _said(rows: FloatArray, nameplate: Nameplate) -> Any:
 
 
 def recording_of(rows: FloatArray, tag: str) -> Recording:
-    """Return the rows of a file, shape (n, 4), as a recording whose time begins with the first one.
+    """Return the rows of a file, shape (n, 4), in s, m, Pa and Pa, as a recording whose time begins with the first one.
 
     Raises RecordingError where there are fewer than two, the clock was set back, or there is neither a pressure nor a
     command.
