@@ -39,7 +39,7 @@ class LinearFit:
 
 
 def inverse_of(lower: FloatArray) -> FloatArray:
-    """Return the inverse of L L', symmetric, from L as Cholesky's factorisation leaves it, shape (n, n).
+    """Return the inverse of L L', symmetric, from L as Cholesky's factorisation leaves it, shape (n, n), in any unit.
 
     What stands above the diagonal is not read.
     """
@@ -50,10 +50,11 @@ def inverse_of(lower: FloatArray) -> FloatArray:
 def fit_linear(
     columns: FloatArray, target: FloatArray, chosen: BoolArray, noise: FloatArray | None = None
 ) -> LinearFit | None:
-    """Least squares of ``target`` (n,) on ``columns`` (n, p) over the ``chosen`` rows; None where they do not suffice.
+    """Least squares of ``target`` on ``columns`` over the ``chosen`` rows; None where they do not suffice.
 
     The covariance is Newey and West's (1987) on blocks of rows, so that it reaches over long autocorrelation; rows
-    that are not chosen count as gaps. ``noise`` (p, p) is the covariance of the noise in one row of ``columns``.
+    that are not chosen count as gaps. ``noise`` is the covariance of the noise in one row of ``columns``.
+    ``target``, ``chosen``: shape (n,); ``columns``: shape (n, p); ``noise``: shape (p, p); in any units.
     """
     return fit_trimmed(columns, target, chosen, np.zeros(chosen.size, dtype=np.bool_), noise)
 
@@ -61,7 +62,7 @@ def fit_linear(
 def fit_trimmed(
     columns: FloatArray, target: FloatArray, chosen: BoolArray, doubtful: BoolArray, noise: FloatArray | None = None
 ) -> LinearFit | None:
-    """As ``fit_linear``, without the ``doubtful`` rows (n,) that the fit to the others contradicts."""
+    """As ``fit_linear``, any units, without ``doubtful`` rows, shape (n,), that the fit to the others contradicts."""
     rows = np.flatnonzero(chosen)
     if rows.size < columns.shape[1] + 2:
         return None
@@ -124,7 +125,7 @@ def _described(
     coefficients = coefficients + bread @ block_scores(columns, rows, 1.0 / scale, residual, target.size)[0]
     residual = residuals(columns, target, rows, 1.0 / scale, coefficients)
     scores = block_scores(columns, rows, 1.0 / scale, residual, max(1, count // MOST_BLOCKS))
-    covariance = bread @ newey_west(scores, LAGS) @ bread * (count / (count - width))
+    covariance = bread @ _newey_west(scores, LAGS) @ bread * (count / (count - width))
     bias = np.zeros(width)
     if noise is not None:
         bias = predicted_bias(bread, count * noise / np.outer(scale, scale), coefficients)
@@ -132,7 +133,7 @@ def _described(
     return LinearFit(coefficients / scale, covariance / np.outer(scale, scale), bias / scale, rms, count)
 
 
-def newey_west(scores: FloatArray, lags: int) -> FloatArray:
+def _newey_west(scores: FloatArray, lags: int) -> FloatArray:
     """Long-run covariance of the scores' sum, (p, p), from scores (n, p): Bartlett weights, Newey and West (1987)."""
     meat = np.asarray(scores.T @ scores)
     for lag in range(1, min(lags, scores.shape[0] - 1) + 1):
@@ -142,9 +143,10 @@ def newey_west(scores: FloatArray, lags: int) -> FloatArray:
 
 
 def predicted_bias(bread: FloatArray, noise: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Expected attenuation (errors in variables) of coefficients (..., p), from (X'X)^-1 and the noise part of X'X.
+    """Expected attenuation (errors in variables) of coefficients, shape (..., p), from (X'X)^-1 and the noise in X'X.
 
     With G = (X'X)^-1 N the fit is (1 - G) times the truth; the bias is G (1 - 0.9 G)^-1 times the fit.
+    These two: shape (..., p, p). Any units.
     """
     gain = bread @ noise
     if not noise.any():

@@ -101,13 +101,16 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
 
 
 def position_noise(time_s: FloatArray, position_m: FloatArray, run_first: IntArray) -> float:
-    """Noise of a position, one standard deviation, m: at least its resolution's; 0 where it is rounding."""
+    """Noise of a position, one standard deviation, m: at least its resolution's; 0 where it is rounding.
+
+    Arrays: shape (n,).
+    """
     noise_m = max(channel_noise(time_s, position_m, run_first), resolution(position_m) / float(np.sqrt(12.0)))
     return noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0
 
 
 def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray, share: float = 0.5) -> float:
-    """White noise of a channel, one standard deviation, by its 4th differences.
+    """White noise of a channel, one standard deviation, by its 4th differences; shape (n,), in its unit.
 
     By the size that this share of the 4th divided differences stays below, each scaled to unit variance; they vanish
     for a smooth motion also where the samples are uneven.
@@ -139,7 +142,7 @@ def _fourth_divided(time_s: FloatArray, channel: FloatArray) -> FloatArray:
 
 
 def resolution(channel: FloatArray) -> float:
-    """Step of the grid that the channel lies on, or 0 where it lies on none that is coarser than rounding.
+    """Step of the grid that a channel, shape (n,), in any unit, lies on; 0 where it lies on none coarser than rounding.
 
     The smallest change from row to row, fitted to more and more of the channel: single precision rounds each value.
     A stem at rest on one step hides the resolution from the differences: its noise is then step / sqrt(12).

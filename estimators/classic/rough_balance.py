@@ -448,7 +448,7 @@ class _Slides:
 
     def _scatter(self, fit: WindowFit, chosen: BoolArray) -> Scatter:
         """What the coefficients scatter by: between strokes, and, for k, between parts of the travel."""
-        return scatter_of(
+        return _scatter_of(
             fit,
             stroke=self.windows.stroke[chosen],
             sense=self.windows.sense[chosen],
@@ -536,7 +536,7 @@ def _within(seen: Known, most: float) -> Known:
     return Known(mean, math.sqrt(float(shares @ (grid - mean) ** 2)))
 
 
-def scatter_of(
+def _scatter_of(
     fit: WindowFit,
     *,
     stroke: FloatArray | np.ndarray,
@@ -609,7 +609,7 @@ def _by_jumps(motion: RecordedMotion, rough: RoughMotion) -> RoughBalance | None
     if found is None:
         return None
     fit = found.fit
-    scatter = scatter_of(
+    scatter = _scatter_of(
         fit,
         stroke=found.stroke,
         sense=found.sense,

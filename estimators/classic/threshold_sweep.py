@@ -38,10 +38,11 @@ class ThresholdSweep:
 def sweep_thresholds(
     columns: FloatArray, target: FloatArray, speed: FloatArray, noise: FloatArray, *, steps: int, parts: int
 ) -> ThresholdSweep:
-    """Least squares of ``target`` (n,) on ``columns`` (n, p) over the rows with ``speed`` > s |v|max / Z, s = 1..S.
+    """Least squares of ``target`` on ``columns`` over the rows with ``speed`` > s |v|max / Z, s = 1..S.
 
     Each row is put into the bin of the last threshold that it passes; sums from the top give every threshold's
-    normal equations in one pass. ``steps`` is S, ``parts`` is Z; ``noise`` (p, p) is one row's noise covariance.
+    normal equations in one pass. ``steps`` is S, ``parts`` is Z; ``noise`` is one row's noise covariance.
+    ``target``, ``speed``: shape (n,); ``columns``: shape (n, p); ``noise``: shape (p, p); in any units.
     """
     width = columns.shape[1]
     largest = float(speed.max(initial=0.0))

@@ -72,6 +72,7 @@ def fit_windows(
 
     ``through`` Z (n, p) are instruments: what moves with the regressors and not with the local friction. Without them
     it is weighted least squares. Windows far off the others (drop-outs) are left out.
+    y is in N, X and Z are in SI; ``weight``: shape (n,).
     """
     through = matrix if through is None else through
     kept = np.ones(target.size, dtype=np.bool_)
@@ -116,7 +117,7 @@ class Scatter:
     freedom: float
 
     def of(self, weights: FloatArray, value: float) -> Known:
-        """Return the combination of coefficients by these weights (p,), which has this value."""
+        """Return the combination of coefficients by these weights, shape (p,), in SI, which has this value."""
         return Known(value, math.sqrt(max(0.0, float(weights @ self.covariance @ weights))), self.freedom)
 
 
@@ -165,7 +166,7 @@ class Strokes:
 
 
 def wandering_mean(strokes: Strokes, target: FloatArray) -> Known | None:
-    """Return what a friction that wanders was beyond the fit, N: regressors ``target`` (q,), averaged over the record.
+    """Return what a friction that wanders was beyond the fit, N, at regressors ``target``, shape (q,), over the record.
 
     Strokes scatter alone and wander together as an Ornstein-Uhlenbeck process of a size and a time that the restricted
     likelihood weighs; the mean over the record is predicted from the strokes (universal kriging).

@@ -16,7 +16,10 @@ LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
 
 
 def require_one_unit(channel: Message, values: FloatArray, other: FloatArray, time_s: FloatArray, subject: str) -> None:
-    """Raise RecordingError where a channel goes on at once in another unit while the other channel stays."""
+    """Raise RecordingError where a channel goes on at once in another unit while the other channel stays.
+
+    Channels: shape (n,), each in its unit.
+    """
     least = 1.0e-6 * float(np.abs(values).max())
     before, after = np.abs(values[:-1]), np.abs(values[1:])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -65,12 +65,15 @@ class DataFault:
 
 
 def runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return first and one past the last of each run of True."""
+    """Return first and one past the last of each run of True in ``flags``, shape (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def off_line(time_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Return how far each value lies below the line through its two neighbours in time, shape (n - 2,)."""
+    """Return how far each value lies below the line through its two neighbours in time, shape (n - 2,).
+
+    ``time_s``, ``values``: shape (n,), in any unit.
+    """
     share = (time_s[1:-1] - time_s[:-2]) / (time_s[2:] - time_s[:-2])
     return np.asarray(values[:-2] + share * (values[2:] - values[:-2]) - values[1:-1])

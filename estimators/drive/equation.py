@@ -74,7 +74,7 @@ class Spectra:
     sense: ComplexArray
 
     def with_sense(self, sense: FloatArray) -> Spectra:
-        """Return the same channels with another sense of motion, shape (n,)."""
+        """Return the same channels with another sense of motion, shape (n,), dimensionless."""
         return replace(self, sense=rfft(sense, self.length))
 
     def rows(self, used: Window) -> tuple[FloatArray, FloatArray]:
@@ -86,17 +86,26 @@ class Spectra:
         return regressors, self.filtered(self.force, used.force)
 
     def filtered(self, transformed: ComplexArray, kernel: FloatArray) -> FloatArray:
-        """Convolve a transformed channel with a kernel about its middle, shape (n,)."""
+        """Convolve a transformed channel with a kernel about its middle, shape (n,).
+
+        ``transformed``: shape (length // 2 + 1,), ``kernel``: shape (k,), in any units.
+        """
         half = kernel.size // 2
         whole = irfft(transformed * rfft(kernel, self.length), self.length)
         return np.asarray(whole[half : half + self.count])
 
     def gain(self, kernel: FloatArray) -> FloatArray:
-        """Squared gain of a kernel at each frequency: the spectrum of white noise of variance 1 behind it."""
+        """Squared gain of a kernel at each frequency: the spectrum of white noise of variance 1 behind it.
+
+        ``kernel``: shape (k,); the gain has its unit squared.
+        """
         return np.asarray(np.abs(rfft(kernel, self.length)) ** 2)
 
     def smooth_spectrum(self, residual: FloatArray, rows: BoolArray) -> FloatArray:
-        """Spectrum of a residual that is 0 off ``rows``: its periodogram, averaged over _NEIGHBOURS frequencies."""
+        """Spectrum of a residual that is 0 off ``rows``: its periodogram, averaged over _NEIGHBOURS frequencies.
+
+        ``residual``, N, and ``rows``: shape (n,).
+        """
         power = np.abs(rfft(residual, self.length)) ** 2 / np.count_nonzero(rows)
         half = max(1, round(0.5 * _NEIGHBOURS * self.length / self.count))
         mirrored = np.concatenate([power[half:0:-1], power, power[-2 : -half - 2 : -1]])
@@ -106,7 +115,10 @@ class Spectra:
         return np.asarray(mean * _NEIGHBOURS / (_NEIGHBOURS - len(COLUMNS)))
 
     def variance(self, weights: FloatArray, density: FloatArray) -> FloatArray:
-        """Variance of each row of ``weights`` (p, n) times a noise of this spectrum, summed; shape (p,)."""
+        """Variance, shape (p,), of the sum of each row of ``weights``, shape (p, n), times a noise of this spectrum.
+
+        ``density``: shape (length // 2 + 1,), in the noise's unit squared.
+        """
         transformed = rfft(weights, self.length)
         power = transformed.real**2 + transformed.imag**2
         both_sides = np.full(density.size, 2.0)
@@ -117,7 +129,10 @@ class Spectra:
 
 
 def spectra(position_m: FloatArray, force_n: FloatArray, sense: FloatArray, reach: int) -> Spectra:
-    """Return the transforms of evenly sampled channels, shape (n,), for windows of up to ``reach`` rows a side."""
+    """Return the transforms of evenly sampled channels, shape (n,), for windows of up to ``reach`` rows a side.
+
+    ``sense`` is dimensionless: -1, 0 or 1.
+    """
     count = position_m.size
     length = next_fast_len(count + 2 * reach + 1, real=True)
     moved = rfft(position_m - position_m[0], length)

@@ -57,7 +57,7 @@ def fit_force(samples: Samples, channels: Spectra, unsure: BoolArray, used: Wind
     """Least squares of the filtered force; the noise's share of the normal matrix is taken out of it.
 
     X'X grows by n sigma^2 (|k_a|^2, |k_v|^2) through white noise sigma of the position (errors in variables).
-    None where too few rows are left.
+    None where too few rows are left. ``unsure``: shape (n,).
     """
     rows = usable_rows(samples, unsure, used.reach)
     count = int(np.count_nonzero(rows))
@@ -134,7 +134,7 @@ def slow_covariance(fit: ForceFit) -> FloatArray:
 
 
 def by_waves(influence: FloatArray) -> FloatArray:
-    """Covariance (p, p) of the sum of what each row adds to p coefficients, shape (n, p).
+    """Covariance (p, p) of the sum of what each row adds to p coefficients, shape (n, p), in SI.
 
     The outer products of its first cosine coefficients (Lazarus, Lewis, Stock & Watson 2018), widened to what
     Student's t asks for. The fit, as slow as the waves are, has taken as many of them as it has coefficients.

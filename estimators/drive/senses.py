@@ -37,7 +37,7 @@ def surely_moving(moving: MovingRows) -> Senses:
 def senses_by_force(
     samples: Samples, moving: MovingRows, force_n: FloatArray, mass_kg: float, coulomb_n: float
 ) -> Senses:
-    """Return the senses where only possible rests are left out; ``force_n`` (n,) is F - F_0, smoothed.
+    """Return the senses where only possible rests are left out; ``force_n``, shape (n,), is F - F_0, smoothed.
 
     A row is open if its velocity may be zero within the velocity's window and its force lets the stem rest, or is too
     weak for the instant of a reversal to be found in the noise; so is a stay at zero speed that is too long to be a

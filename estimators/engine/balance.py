@@ -219,7 +219,7 @@ class Problem:
 def problem_of(
     blocks: Blocks, columns: Sequence[FloatArray], variance: FloatArray, beforehand: Mapping[int, Known]
 ) -> Problem:
-    """Return the problem with these columns, shape (n,) each, and the error's variance of each block, N^2.
+    """Return the problem with these columns, shape (n,) each, in SI, and the error's variance of each block, N^2.
 
     ``beforehand`` has what is known of a column's factor.
     """
@@ -243,7 +243,7 @@ class Covariance:
 
 
 def covariance_of(problem: Problem, logarithms: FloatArray, smoothness: int) -> Covariance:
-    """Return the covariance with these hyperparameters, in the order of HYPERPARAMETERS."""
+    """Return the covariance with these hyperparameters, logarithms in the order of HYPERPARAMETERS, shape (6,)."""
     blocks, roughness = problem.blocks, roughness_of(logarithms)
     fields = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
     whole = fields.field + np.diag(problem.variance + roughness.error_n**2)

@@ -70,7 +70,10 @@ class Fields:
         return fields_on(self.travel_m, self.time_s[inside], self.roughness, self.smoothness)
 
     def taken_from(self, fewer: Fields, values: FloatArray) -> FloatArray:
-        """Return values from those of the fields on fewer knots in time, straight lines between them."""
+        """Return values from those of the fields on fewer knots in time, straight lines between them.
+
+        ``values``: shape (f,), N.
+        """
         if self.time_s.size == fewer.time_s.size:
             return values
         travel = 2 * self.travel_m.size
@@ -138,7 +141,7 @@ def fields_over(
 
 
 def fields_on(travel_m: FloatArray, time_s: FloatArray, roughness: Roughness, smoothness: int) -> Fields:
-    """Return the fields on these knots."""
+    """Return the fields on these knots; ``travel_m``: shape (n_knots,), ``time_s``: shape (n_times,)."""
     along = travel_correlation(travel_m, roughness.length_m, smoothness)[0] + _JITTER * np.eye(travel_m.size)
     lower = cho_factor(along, lower=True, check_finite=False)[0]
     inverse, log_along = inverse_of(lower), 2.0 * float(np.log(np.diag(lower)).sum())
@@ -158,7 +161,10 @@ def fields_on(travel_m: FloatArray, time_s: FloatArray, roughness: Roughness, sm
 
 
 def wander_precision(time_s: FloatArray, roughness: Roughness) -> tuple[FloatArray, float]:
-    """Return the precision of an Ornstein-Uhlenbeck process at these times, tridiagonal, and its log determinant."""
+    """Return the precision of an Ornstein-Uhlenbeck process at these times, tridiagonal, and its log determinant.
+
+    ``time_s``: shape (n,).
+    """
     variance = roughness.wander_n**2
     kept = np.exp(-np.diff(time_s) / roughness.wander_s)
     new = variance * -np.expm1(2.0 * np.log(np.maximum(kept, 1.0e-300)))

@@ -102,7 +102,7 @@ class ForcePath:
 
 @njit(cache=True, error_model="numpy")
 def lagged(time_s: FloatArray, values: FloatArray, lag_s: float, restarts: BoolArray) -> FloatArray:
-    """Values, straight between rows, behind a first-order lag that begins in balance; shape (n,).
+    """Values, straight between rows, behind a first-order lag that begins in balance; shape (n,), in any unit.
 
     It begins so again in the rows that ``restarts`` marks, shape (n,).
     """
@@ -129,7 +129,10 @@ def force_path(
     spring_n_per_m: float,
     noise_m: float,
 ) -> ForcePath:
-    """Return the force at these complete rows. Raises RecordingError where the diaphragm area is needed and unknown."""
+    """Return the force at these complete rows, shape (n,).
+
+    Raises RecordingError where the diaphragm area is needed and unknown.
+    """
     path = _at_rows(recording, nameplate, rows, spring_n_per_m=spring_n_per_m, noise_m=noise_m)
     return path if path.lag_s > 0.0 else _with_peaks(recording.time_s[rows], path)
 
@@ -224,7 +227,10 @@ def turns(time_s: FloatArray, force_n: FloatArray, noise_n: float, range_n: floa
 
 
 def restarts_of(command: FloatArray, run_first: IntArray) -> BoolArray:
-    """Rows after a gap at which the command is another than before it: another recording begins there."""
+    """Rows after a gap at which the command is another than before it: another recording begins there.
+
+    ``command``, ``run_first``: shape (n,), the command in any unit.
+    """
     first = np.flatnonzero(np.diff(run_first) > 0) + 1
     restarts = np.zeros(command.size, np.bool_)
     jumps = np.abs(command[first] - command[first - 1]) > _ANEW_SHARE * float(np.ptp(command))
@@ -233,7 +239,10 @@ def restarts_of(command: FloatArray, run_first: IntArray) -> BoolArray:
 
 
 def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatArray, run_first: IntArray) -> ForcePath:
-    """The command behind a dead time and a lag, with the gain and offset that fit the measured force best."""
+    """The command behind a dead time and a lag, with the gain and offset that fit the measured force best.
+
+    All arrays: shape (n,), ``command`` in any unit.
+    """
     restarts = restarts_of(command, run_first)
     begins_s = time_s[np.maximum.accumulate(np.where(restarts, np.arange(time_s.size), 0))]
     thin = np.unique(
@@ -303,7 +312,10 @@ def _line(shape: FloatArray, measured_n: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def coloured_covariance(design: FloatArray, left: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Covariance of least squares whose residuals are coloured, shape (p, p): Newey and West (1987), by batches."""
+    """Covariance of least squares whose residuals are coloured, shape (p, p): Newey and West (1987), by batches.
+
+    ``design``: shape (n, p), ``left``: shape (n,), in any units.
+    """
     batch = max(1, int(np.searchsorted(time_s, time_s[0] + _BATCH_S)))
     scores = np.add.reduceat(design * left[:, None], np.arange(0, left.size, batch))
     inverse = np.linalg.pinv(design.T @ design)

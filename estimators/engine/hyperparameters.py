@@ -97,7 +97,10 @@ class FieldLikelihood:
 
 
 def field_likelihood(equations: Equations, functions: FloatArray | None = None) -> FieldLikelihood | None:
-    """Return it, with linear functions of the unknowns, shape (q, unknowns); None where others are not determined."""
+    """Return it, with linear functions of the unknowns; None where others are not determined.
+
+    ``functions``: shape (q, n_unknowns), SI.
+    """
     normal, right, part, values = equations.normal, equations.right, equations.part, equations.values
     functions = np.zeros((0, right.size)) if functions is None else functions
     others = np.ones(right.size, bool)

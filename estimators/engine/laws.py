@@ -86,19 +86,22 @@ class Law:
     parameters: tuple[LawParameter, ...] = ()
 
     def friction_n(self, values: FloatArray, where: Where) -> FloatArray:
-        """Return what adds to the friction of a moving stem, N, against the motion."""
+        """Return what adds to the friction of a moving stem, N, against the motion; ``values``: shape (p,), SI."""
         return np.zeros(where.count)
 
     def force_n(self, values: FloatArray, where: Where) -> FloatArray:
-        """Return what adds to the actuator's force, N, above 0 towards larger positions; at rests too."""
+        """Return what adds to the actuator's force, N, above 0 towards larger positions; at rests too.
+
+        ``values``: shape (p,), SI.
+        """
         return np.zeros(where.count)
 
     def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
-        """Return what adds to F_s at rests that break away; ``share`` is F_s over F_c."""
+        """Return what adds to F_s at rests that break away; ``share`` is F_s over F_c; ``values``: shape (p,), SI."""
         return share * self.friction_n(values, where)
 
     def travel(self, values: FloatArray) -> Travel:
-        """Return the stops of the travel and the play of the sensor."""
+        """Return the stops of the travel and the play of the sensor; ``values``: shape (p,), SI."""
         return NO_TRAVEL
 
 
@@ -135,14 +138,14 @@ class Laws:
         return list(zip(self.laws, np.split(values, ends), strict=True)) if self.laws else []
 
     def driving_n(self, values: FloatArray, where: Where) -> FloatArray:
-        """Return what all laws add to the force that drives a moving stem, N."""
+        """Return what all laws add to the force that drives a moving stem, N; ``values``: shape (p,), SI."""
         total = np.zeros(where.count)
         for law, own in self._with_values(values):
             total += law.force_n(own, where) - where.direction * law.friction_n(own, where)
         return total
 
     def breakaway_n(self, values: FloatArray, where: Where, share: float) -> float:
-        """Return by how much more force, N, in its direction, one rest breaks away."""
+        """Return by how much more force, N, in its direction, one rest breaks away; ``values``: shape (p,), SI."""
         total = 0.0
         for law, own in self._with_values(values):
             added = law.breakaway_n(own, where, share) - where.direction * law.force_n(own, where)
@@ -150,7 +153,7 @@ class Laws:
         return total
 
     def travel(self, values: FloatArray) -> Travel:
-        """Return the nearest stops and the sum of the plays."""
+        """Return the nearest stops and the sum of the plays; ``values``: shape (p,), SI."""
         if not any(type(law).travel is not Law.travel for law in self.laws):
             return NO_TRAVEL
         found = NO_TRAVEL

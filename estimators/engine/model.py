@@ -52,7 +52,10 @@ class Unknowns:
     laws: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def moved(self, step: FloatArray) -> Unknowns:
-        """Return the unknowns after this step, in the order parameters, fields, instants, rests, laws."""
+        """Return the unknowns after this step, in the order parameters, fields, instants, rests, laws.
+
+        ``step``: shape (unknowns,), in SI.
+        """
         ends = np.cumsum([GLOBALS, self.fields.size, self.began_s.size, self.rest_m.size])
         by_kind = np.split(step, ends)
         return Unknowns(
@@ -136,7 +139,7 @@ class Model:
         return replace(self, heat=heat, scatter_n=scatter_n)
 
     def only(self, chosen: IntArray) -> Model:
-        """Return the model of these sections alone."""
+        """Return the model of the sections with these numbers, shape (n_chosen,), alone."""
         some = tuple(self.sections.sections[number] for number in chosen)
         if len(some) == self.sections.count:
             return self

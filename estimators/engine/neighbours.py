@@ -44,6 +44,7 @@ def beside(
 
     Beside a short rest it is no trifle: a filter of 5 ms shows a tenth of an arrival 12 ms later, and the instant at
     which a stem of little friction has begun to move is seen milliseconds later.
+    ``sensed_m``: at the section's nodes, shape (n_nodes,).
     """
     times_s = section.time_s[section.row]
     arrived_s = section.began_s - section.rested_s

@@ -35,7 +35,7 @@ def position_noise_at_rest(
     """Return the noise by the autocovariance at the rests; ``white_m`` is taken where there are too few rows.
 
     A converter shows no noise at a rest that is quieter than its step, and a computed position none anywhere: the
-    noise is at least ``least_m``.
+    noise is at least ``least_m``. ``time_s``, ``position_m``: shape (n,).
     """
     period_s = float(np.median(np.diff(time_s)))
     lags = min(_MOST_LAGS, max(2, round(_REACH_S / period_s)))

@@ -79,7 +79,10 @@ class RoughnessPrior:
         return RoughnessPrior(self.middle, self.spread, self.low, high)
 
     def squares(self, logarithms: FloatArray) -> tuple[float, FloatArray]:
-        """Return the sum of squares of what is away from it, and half of its slope; shape (c,) for the first c."""
+        """Return the sum of squares of what is away from it, and half of its slope, shape (c,).
+
+        ``logarithms``: the first c of HYPERPARAMETERS, shape (c,).
+        """
         count = logarithms.size
         away = (logarithms - self.middle[:count]) / self.spread[:count]
         slope = away / self.spread[:count]
@@ -133,7 +136,7 @@ def roughness_prior(friction_n: float, travel_m: float) -> RoughnessPrior:
 
 
 def roughness_of(logarithms: FloatArray) -> Roughness:
-    """Return what these logarithms stand for."""
+    """Return what these logarithms, shape (6,), in the order of HYPERPARAMETERS, stand for."""
     return Roughness(*(float(value) for value in np.exp(logarithms)))
 
 

@@ -131,7 +131,10 @@ def _reach(smooth: FloatArray, band: float, run_last: IntArray) -> IntArray:
 
 
 def moving_mean(values: FloatArray, width: int, run_last: IntArray | None = None) -> FloatArray:
-    """Centred mean over an odd number of rows, shorter at the ends; shape (n,). ``run_last``: none across a gap."""
+    """Centred mean over an odd number of rows, shorter at the ends; shape (n,), any unit.
+
+    ``run_last``: none across a gap.
+    """
     half = width // 2
     if half == 0:
         return values
@@ -366,7 +369,7 @@ def _between(
 
 
 def extremes(way: FloatArray, least: float) -> list[int]:
-    """Rows of the first value, of each turn by at least this much, and of the last value."""
+    """Rows of the first value of ``way``, shape (n,), any unit, of each turn by at least this much, and of the last."""
     turns: list[int] = _turns(way, least).tolist()
     return [0, *turns, way.size - 1]
 

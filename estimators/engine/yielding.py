@@ -190,7 +190,7 @@ def slides(
     duration_s: FloatArray,
     speed: FloatArray,
 ) -> BoolArray:
-    """Whether a stem on bristles slides at these times and places, arrays of shape (n,); ``speed`` is the driven one.
+    """Whether a stem on bristles slides at these times and places, shape (n,); ``speed`` is the driven one, m/s.
 
     It does further than ``way_m`` from where the force turned last, about as fast as the force drives it: it is slower
     on its bristles, and faster when they give way.

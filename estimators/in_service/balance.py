@@ -66,7 +66,7 @@ class Balance:
     spring_error: float
 
     def combined(self, weights: FloatArray) -> tuple[float, float]:
-        """Value and standard error of a sum of these values with weights, shape (5,)."""
+        """Value and standard error, in the signal's unit, of a sum of these values with weights, shape (5,)."""
         return float(weights @ self.values), math.sqrt(max(float(weights @ self.covariance @ weights), 0.0))
 
 

@@ -60,7 +60,7 @@ class Observations:
         return int(self.time_s.size)
 
     def chosen(self, keep: BoolArray) -> Observations:
-        """Return those that ``keep`` selects."""
+        """Return those that ``keep``, shape (n,), selects."""
         return Observations(
             self.time_s[keep],
             self.position[keep],

@@ -30,18 +30,21 @@ _ONE_DIGIT: Final = 1.5  # last digits: coarse channels change by one
 
 
 def is_uneven(periods_s: FloatArray) -> bool:
-    """Whether rows come where something changed, not by a clock."""
+    """Whether rows come where something changed, not by a clock; ``periods_s``: shape (n - 1,) for n rows."""
     short_s, long_s = np.quantile(periods_s, (0.1, 0.9))
     return not long_s <= _UNEVEN * short_s
 
 
 def longest_silence_s(periods_s: FloatArray) -> float:
-    """Return how long a source that reports changes is silent at most, s; longer is a gap."""
+    """Return how long a source that reports changes is silent at most, s; longer is a gap.
+
+    ``periods_s``: shape (n - 1,).
+    """
     return max(_SILENCE * float(np.quantile(periods_s, 0.9)), _LEAST_SILENCE_S)
 
 
 def together(time_s: FloatArray, position: FloatArray, signal: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return both channels, shapes (n,), and whether values are held, where each was reported by itself.
+    """Return both channels, shape (n,), in any units, and whether values are held, where each was reported by itself.
 
     Reports by exception hold until the next; a signal that was polled between the positions is on the line.
     """
@@ -68,7 +71,7 @@ def _last_report(time_s: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def require_measured(time_s: FloatArray, position: FloatArray, subject: str) -> None:
-    """Raise RecordingError where the positions, shape (n,), stand on straight lines between fewer values."""
+    """Raise RecordingError where positions, shape (n,), in any unit, stand on straight lines between fewer values."""
     digit = last_digit(position)
     on_line = np.zeros(position.size, np.bool_)
     for lag in _LAGS:
@@ -96,7 +99,7 @@ def require_measured(time_s: FloatArray, position: FloatArray, subject: str) -> 
 def without_repeats(position: FloatArray, signal: FloatArray) -> BoolArray:
     """Return the rows to keep, shape (n,): all, or where an export holds its last report those that are new.
 
-    Coarse channels repeat both values as well: they change by one digit mostly, a report by several.
+    Coarse channels, in any unit, repeat both values as well: they change by one digit mostly, a report by several.
     """
     all_rows = np.ones(position.size, np.bool_)
     same = (np.diff(position) == 0.0) & (np.diff(signal) == 0.0)
@@ -115,7 +118,10 @@ def _is_fine(values: FloatArray) -> bool:
 
 
 def last_digit(values: FloatArray) -> float:
-    """Return the smallest step between any two values: a converter's, or that of the file's rounding."""
+    """Return the smallest step between any two values: a converter's, or that of the file's rounding.
+
+    ``values``: shape (n,), in any unit.
+    """
     apart = np.diff(np.unique(values))
     apart = apart[apart > 1.0e-9 * max(float(np.abs(values).max()), 1.0e-300)]
     return float(apart.min()) if apart.size else 0.0

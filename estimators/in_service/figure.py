@@ -105,15 +105,16 @@ def mean_of_repeats(
 ) -> Figure:
     """Return the mean of what repeated, with Student's interval (n - 1) from its scatter.
 
-    ``values``, ``half_widths`` of shape (n,): each is known to lie within its half width, as slow rows leave it. It may
-    be anywhere there, so its variance is a third of the square; a tenth of the half width is common to all.
+    ``values``, ``half_widths`` of shape (n,), in ``unit``: each is known to lie within its half width, as slow rows
+    leave it. It may be anywhere there, so its variance is a third of the square; a tenth of the half width is common to
+    all.
     ``common``: half of the half width and this are, as where an export holds values. ``unsure``: a standard error of
     all besides.
     Values farther than 5 robust deviations from the median are left out.
     """
     if values.size < LEAST_REPEATS:
         return not_known(unit, few, int(values.size))
-    kept = usual(values, half_widths)
+    kept = _usual(values, half_widths)
     values, half_widths = values[kept], half_widths[kept]
     variance, read = float(np.var(values, ddof=1)), float(np.mean(half_widths**2)) / 3.0
     open_rows = (COMMON_SHARE if common is None else HELD_SHARE) * float(np.mean(half_widths))
@@ -130,7 +131,7 @@ def mean_of_repeats(
     )
 
 
-def usual(values: FloatArray, half_widths: FloatArray) -> Sequence[bool] | np.ndarray[Any, np.dtype[np.bool_]]:
+def _usual(values: FloatArray, half_widths: FloatArray) -> Sequence[bool] | np.ndarray[Any, np.dtype[np.bool_]]:
     """Return which values lie within 5 robust deviations of the median, shape (n,)."""
     off = np.abs(values - np.median(values))
     return np.asarray(off <= 5.0 * 1.4826 * np.median(off) + half_widths + 1.0e-12 * np.abs(values).max())

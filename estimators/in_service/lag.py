@@ -20,7 +20,7 @@ _LONGEST_S: Final = 20.0
 
 
 def lag_of(time_s: FloatArray, command: FloatArray, pressure: FloatArray, *, names: tuple[str, str]) -> Figure:
-    """Return the mean delay from command to pressure, arrays of shape (n,), NaN for a gap; ``names``: what they are.
+    """Return the mean delay from command to pressure, shape (n,), any units, NaN for a gap; ``names``: what they are.
 
     Each part of the record is fitted by gain, offset and a first-order lag with a dead time; the delay is their sum.
     """

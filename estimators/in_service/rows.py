@@ -66,6 +66,7 @@ def rows_of(time_s: FloatArray, position: FloatArray, signal: FloatArray, *, sub
     """Return the rows that have both channels; what is between them and what noise does to them.
 
     Raises RecordingError for too few rows, a clock that jumps, interpolated rows and a unit that changes.
+    Arrays: shape (n,); position in m or a share of the travel, signal in its unit, NaN for a gap.
     """
     position, signal, is_held = together(time_s, position, signal)
     both = np.isfinite(position) & np.isfinite(signal)
@@ -155,7 +156,10 @@ def _noise(values: FloatArray) -> float:
 
 
 def resolution(values: FloatArray) -> float:
-    """Return the smallest step between values that come often: the resolution of a converter or a report."""
+    """Return the smallest step between values that come often: the resolution of a converter or a report.
+
+    ``values``: shape (n,), in any unit.
+    """
     changes = np.abs(np.diff(values))
     changes = changes[changes > 1.0e-9 * max(float(np.abs(values).max()), 1.0e-300)]
     return float(np.quantile(changes, 0.02)) if changes.size else 0.0
@@ -183,7 +187,7 @@ def _require_one_clock(time_s: FloatArray, subject: str) -> None:
 
 
 def require_inside(position: FloatArray, travel: float | None, subject: str) -> None:
-    """Raise RecordingError where a position, shape (n,), NaN for a gap, lies outside the travel."""
+    """Raise RecordingError where a position, shape (n,), in the unit of ``travel``, NaN for a gap, lies outside it."""
     if travel is None:
         return
     share = position / travel

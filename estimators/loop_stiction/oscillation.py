@@ -108,7 +108,7 @@ def _about(rows: LoopRows, guess_s: float) -> Oscillation | None:
 def swing_share(setpoint: FloatArray, value: FloatArray, row_s: float, period_s: float) -> float:
     """Size of the set point's swings over that of the value's, both about this period; 0 where it only steps at times.
 
-    Fewer than three changes in two periods are single steps.
+    Fewer than three changes in two periods are single steps. ``setpoint``, ``value``: shape (n,), in one unit.
     """
     if np.count_nonzero(np.diff(setpoint)) < _STEPS * setpoint.size * row_s / period_s:
         return 0.0

@@ -56,7 +56,7 @@ def find_moving_rows(samples: Samples) -> MovingRows | None:
 
 
 def pieces_of(samples: Samples, sense: SenseArray) -> list[tuple[int, int, int]]:
-    """First row, last row and sense of each stretch of rows without a change of sense or a gap."""
+    """First row, last row and sense of each stretch of rows without a change of ``sense``, shape (n,), or a gap."""
     edges = np.flatnonzero((sense[1:] != sense[:-1]) | (samples.run_first[1:] != samples.run_first[:-1])) + 1
     bounds = np.concatenate([[0], edges, [sense.size]])
     return [(first, end - 1, int(sense[first])) for first, end in pairwise(bounds.tolist())]

@@ -12,7 +12,7 @@ from estimators.samples import FloatArray, IntArray, Samples
 
 
 def windowed_slope(samples: Samples, channel: FloatArray, half_window: int) -> FloatArray:
-    """Slope of a channel per second, shape (n,): mean of the rows after less the mean before, over their times.
+    """Slope of a channel, any unit, per second, shape (n,): mean of the rows after less that before, over their times.
 
     Each mean holds ``half_window`` + 1 rows, the row itself in both; less at the ends of a run.
     """

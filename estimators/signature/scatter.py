@@ -49,7 +49,7 @@ def combined(value: float, *parts: tuple[Measured, float]) -> Measured:
 
 
 def mean_of_cycles(values: FloatArray, std_error: float, freedom: float) -> Measured:
-    """Mean of values, shape (n,), of which noise explains ``std_error`` each.
+    """Mean of values, shape (n,), any unit, of which noise explains ``std_error`` each.
 
     Where they differ by more than noise does (chi-square test at 5 %), their own scatter takes its place:
     s / sqrt(n) with n - 1 degrees of freedom.
@@ -65,7 +65,7 @@ def mean_of_cycles(values: FloatArray, std_error: float, freedom: float) -> Meas
 
 
 def noise_of_cells(cells: FloatArray) -> tuple[float, float]:
-    """Standard deviation of one cell's mean and its degrees of freedom, from cells (n_passes, n_cells).
+    """Standard deviation of one cell's mean and its degrees of freedom, from cells, N, shape (n_passes, n_cells).
 
     By second differences along the travel, which leave out what bends slowly: var = mean(d2^2) / 6.
     """

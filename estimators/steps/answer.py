@@ -57,7 +57,7 @@ def answer_to(
 
     Dead time: from the step to the first observable change. T63, T86, T98: from the step until 63.2 %, 86.5 % and
     98 % of the realised change are reached (the first two by ANSI/ISA-75.25.01). ``floor_m`` is the least motion that
-    counts.
+    counts. ``time_s``, ``position_m``: shape (n,).
     """
     begin = step.row - int(_LEVEL_SHARE * (step.row - step.first))
     end = step.last - int(_LEVEL_SHARE * (step.last - step.row))

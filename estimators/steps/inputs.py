@@ -44,9 +44,10 @@ class InputStep:
 
 
 def find_steps(time_s: FloatArray, level: FloatArray, run_first: IntArray) -> list[InputStep]:
-    """Return the steps of an input ``level`` (n,) between holds; an input that ramps or waves has none.
+    """Return the steps of an input ``level``, shape (n,), between holds; an input that ramps or waves has none.
 
-    Times in s. ``run_first`` (n,) is the first row of each row's run without a gap; a step across a gap is left out.
+    ``level`` is in any unit. ``run_first``, shape (n,), is the first row of each row's run without a gap; a step across
+    a gap is left out.
     """
     holds = _holds(time_s, level, run_first)
     smallest = _SMALLEST_STEP * float(np.ptp(level)) if level.size else 0.0
