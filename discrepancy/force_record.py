@@ -50,7 +50,7 @@ class ForceRecord:
         return np.asarray(self.samples.time_s - self.samples.time_s[0])
 
     def filtered(self, column: FloatArray) -> FloatArray:
-        """Return a column, shape (n,), filtered as the force is."""
+        """Return a column, shape (n,), in any unit, filtered as the force is."""
         return np.asarray(self.channels.filtered(rfft(column, self.channels.length), self.window.force))
 
 

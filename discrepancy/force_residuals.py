@@ -39,7 +39,7 @@ class Along:
 
 
 def along(name: str, direction: int, at: FloatArray, residual: FloatArray) -> Along:
-    """Return the means of residuals, shape (n,), in bins of a coordinate ``at``, (n,), and what it explains."""
+    """Means of residuals, N, in bins of a coordinate ``at`` in its unit, shape (n,) each, and what it explains."""
     independent = residual.size / _correlation_length(residual)
     bins = int(np.clip(independent / 3.0, 2, _BINS))
     edges = np.linspace(float(at.min()), float(at.max()) + 1.0e-12, bins + 1)
@@ -58,8 +58,8 @@ def along(name: str, direction: int, at: FloatArray, residual: FloatArray) -> Al
 def inflation(residual: FloatArray) -> float:
     """Factor on all standard errors for residuals, shape (n,), that are larger than the noise or autocorrelated.
 
-    The square root of the largest ratio of the variance of means of pieces to that of independent samples; 1 where
-    that is no more than chance.
+    The residuals are dimensionless. The square root of the largest ratio of the variance of means of pieces to that of
+    independent samples; 1 where that is no more than chance.
     """
     largest = 1.0
     for length in _PIECES:

@@ -54,7 +54,7 @@ def fitted_value(value: float, error: float, unit: str) -> Fitted:
 
 
 def one_column(values: FloatArray) -> FloatArray:
-    """Return values, (n,), as the only column, (n, 1)."""
+    """Return values, shape (n,), in any unit, as the only column, shape (n, 1)."""
     return np.asarray(values[:, None])
 
 

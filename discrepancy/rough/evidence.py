@@ -59,7 +59,7 @@ class Columns:
     mean: FloatArray
 
     def with_column(self, column: FloatArray, spread: float, mean: float = 0.0) -> Columns:
-        """Return these and one more."""
+        """Return these and one more, shape (n,), N by the unit of its size."""
         return Columns(
             np.column_stack([self.values, column]), np.append(self.spread, spread), np.append(self.mean, mean)
         )
@@ -241,7 +241,7 @@ def _prior(problem: Problem, logarithms: FloatArray) -> tuple[float, FloatArray]
 
 
 def solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> Solved:
-    """Solve the balance for these hyperparameters."""
+    """Solve the balance for the logarithms of the hyperparameters in the order of NAMES, shape (7,)."""
     return _solved(problem, columns, logarithms)[0]
 
 
@@ -289,7 +289,7 @@ def _solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> tuple
 
 
 def fitted(problem: Problem, columns: Columns, start: FloatArray | None = None) -> Solved:
-    """Return the balance with the likeliest hyperparameters."""
+    """Return the balance with the likeliest hyperparameters; ``start``: logarithms in NAMES' order, shape (7,)."""
     low = [max(-_RANGE * _BELOW[name], math.log(_LOWEST)) for name in NAMES]
     high = [_RANGE * _ABOVE[name] for name in NAMES]
     bounds = list(zip(problem.medians + low, problem.medians + high, strict=True))
@@ -304,5 +304,5 @@ def fitted(problem: Problem, columns: Columns, start: FloatArray | None = None) 
 
 
 def of_rows(problem: Problem, chosen: npt.NDArray[np.bool_]) -> Problem:
-    """Return the problem of these rows alone."""
+    """Return the problem of the ``chosen`` rows, shape (n,), alone."""
     return replace(problem, rows=problem.rows.rows(chosen), design=problem.design[chosen])

@@ -77,7 +77,7 @@ class Observations:
         return not bool(self.is_slide.all())
 
     def rows(self, chosen: BoolArray) -> Observations:
-        """Return these rows alone."""
+        """Return the ``chosen`` rows, shape (n,), alone."""
         return Observations(
             self.time_s[chosen],
             self.travel_m[chosen],

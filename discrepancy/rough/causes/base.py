@@ -110,7 +110,10 @@ class Cause(Law, ABC):
 
     @abstractmethod
     def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
-        """Return the effect that a simulated valve takes; ``short_n`` is by how much its F_s was raised to F_c."""
+        """Return the effect that a simulated valve takes; ``short_n`` is by how much its F_s was raised to F_c.
+
+        ``values``: shape (p,), SI.
+        """
 
     @abstractmethod
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:

@@ -52,7 +52,7 @@ class LoopLaw(StrEnum):
 
 
 @njit(cache=True, error_model="numpy")
-def played(command: FloatArray, width: float) -> FloatArray:
+def _played(command: FloatArray, width: float) -> FloatArray:
     """Output of a play that stays within half of ``width`` of the command, a share of its range; shape (n,).
 
     It begins as if the command had come back from its other end, in its middle where it begins between both.
@@ -152,7 +152,7 @@ def _design(course: _Course, law: LoopLaw, logarithms: FloatArray) -> FloatArray
     ones = np.ones(course.time_s.size)
     if law is LoopLaw.DEAD_BAND:
         band = math.exp(logarithms[2])
-        return np.column_stack([ones, course.late(lag_s, dead_s, lambda u: played(u, band))])
+        return np.column_stack([ones, course.late(lag_s, dead_s, lambda u: _played(u, band))])
     plain = course.late(lag_s, dead_s, lambda u: u)
     if law is LoopLaw.NONE:
         return np.column_stack([ones, plain])
@@ -160,7 +160,7 @@ def _design(course: _Course, law: LoopLaw, logarithms: FloatArray) -> FloatArray
     def loop(command: FloatArray) -> FloatArray:
         widths = (np.arange(_PLAYS) + 0.5) / _PLAYS
         # 1 wide in the middle of the range
-        return np.asarray(4.0 * (np.mean([played(command, one) for one in widths], axis=0) - 0.5 * command))
+        return np.asarray(4.0 * (np.mean([_played(command, one) for one in widths], axis=0) - 0.5 * command))
 
     return np.column_stack([ones, plain, course.late(lag_s, dead_s, loop)])
 
