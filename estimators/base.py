@@ -21,6 +21,8 @@ NORMAL_95: Final = 1.959964  # two-sided 95 % of the normal distribution
 _AS_NORMAL: Final = 1.0e6  # degrees of freedom
 # A 95 % interval wider than +-30 % of the value is no knowledge of it (the contract's limit of identifiability).
 LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
+# F_s above the friction in motion, as a share: less shows no jump. What creeping valves with a wrong F_c showed.
+NO_JUMP: Final = 0.06
 # Own choices: the fewest complete rows that can hold a cycle, and that a noise can be told by.
 FEWEST_SAMPLES: Final = 40
 FEWEST_TOGETHER: Final = 8

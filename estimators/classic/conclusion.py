@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from estimators.base import (
+    NO_JUMP,
     NORMAL_95,
     ONE_WAY,
     Estimate,
@@ -26,7 +27,6 @@ from valve.nameplate import Action
 _LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
 _ASKED = ("k", "F_c", "F_s")
 _ASSUMED = frozenset({Outcome.COMMAND_ONLY, Outcome.MAY_CREEP, Outcome.ONE_SPEED, Outcome.OVERSHOOT_ASSUMED})
-_NO_JUMP = 0.06  # own choice, of the friction in motion: what creeping valves with a wrong F_c showed
 _LAG_HIDES: Final = say(
     "lag_hides_transients", "the pressure was not measured: a transducer's lag reads as F_v and hides m"
 )
@@ -118,7 +118,7 @@ def _may_creep(
     if static is None or coulomb is None or slowest is None or motion.action is not Action.SPRING:
         return False
     moving = coulomb + max(0.0, transients.viscous_used[0]) * float(slowest)
-    return abs(static - moving) < _NO_JUMP * moving
+    return abs(static - moving) < NO_JUMP * moving
 
 
 def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.base import (
     LARGEST_RELATIVE_HALF_WIDTH,
+    NO_JUMP,
     NORMAL_95,
     Estimate,
     Outcome,
@@ -81,6 +82,7 @@ _MASSES_KG: Final = (0.005, 450.0)  # of all moving parts, stem valves from the 
 _STOP_ROWS: Final = 0.2  # of the stem's lag F_v / k: slower rows do not show at what speed it stops
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _CREEPS: Final = 0.01  # of F_c, that creeping leaves open
+_CLEARLY_BELOW: Final = 0.5  # of the slowest ramp's speed: a DV below it makes no stem creep
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
@@ -309,8 +311,11 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if not has_spring:
         parameters["k"] = absent(_SPRINGLESS)
     missing = [s for s in (("k", "F_c", "F_s") if has_spring else ("F_c", "F_s")) if parameters[s].value is None]
-    status = Status.POOR if missing or commanded else Status.OK
+    creeps = whole is not None and parameters["F_c"].value is not None and _may_creep(whole)
+    status = Status.POOR if missing or commanded or creeps else Status.OK
     told: list[Message] = [_COMMANDED, *said] if commanded else [*said]
+    if creeps:
+        told.insert(0, Outcome.MAY_CREEP.message)
     if missing:
         why = parameters[missing[0]].note
         told.insert(0, say("missing_for", "{symbols:, }: {why}", symbols=tuple(missing), why=why))
@@ -327,6 +332,19 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     }
     residual_m = None if whole is None else whole.residual_rms_m
     return Estimate(METHOD, status, joined(" ", told), residual_m, parameters, diagnostics)
+
+
+def _may_creep(whole: Dynamic) -> bool:
+    """Whether the friction on the slowest ramps is as large as F_s, and the stem may have been slower there than DV.
+
+    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen.
+    """
+    found = whole.quantities
+    rates = [float(np.median(np.abs(one.rate_n_per_s))) for one in whole.best.model.sections.sections]
+    slowest = min(rates) / found["k"].value
+    moving_n = found["F_c"].value + found["F_v"].value * slowest
+    is_faster = found["DV"].ci95[1] < _CLEARLY_BELOW * slowest
+    return not is_faster and abs(found["F_s"].value - moving_n) < NO_JUMP * moving_n
 
 
 def _not_explained(sections: Sections) -> Message:

@@ -16,11 +16,12 @@ from estimators.engine.engine import RoughFrictionEstimator, hidden_jumps
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
+from tests.bench.benchmarks.coverage import scattered_test
 from tests.support.published_recordings import Recorded, recorded
 from tests.support.random_valves import random_test
 from tests.support.rough_valves import RoughCase, case
 from valve.effects.supply_saturation import SupplySaturation
-from valve.messages import Message
+from valve.messages import Message, messages_in
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
 from valve.parameter_sets import parameter_set
@@ -103,6 +104,17 @@ def test_a_damped_stem_that_stops_at_once_shows_its_lag_by_how_it_starts() -> No
     # the paper's triangle drives the graphite valve at 1.08 times its limit velocity: after a corner it rests at once
     test = recorded("graphite", noise_m=2.0e-5)
     _assert_right(test, {"F_c": 0.02, "F_s": 0.02, "k": 0.002, "DV": 0.05})
+
+
+@pytest.mark.parametrize(("seed", "may_creep"), [(203, True), (859, True), (201, False)])
+def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_creep: bool) -> None:
+    # two graphite valves on ramps slower than DV, where F_c comes out 30 and 50 % too large; a nominal valve that jumps
+    test, *_ = scattered_test(seed)
+    estimate = RoughFrictionEstimator().estimate(test.recording, test.nameplate)
+
+    assert (estimate.status is Status.POOR) is may_creep
+    assert any(one.code == "may_creep" for one in messages_in(estimate.message)) is may_creep
+    assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2e-3)
 
 
 @pytest.mark.parametrize(("static_n", "unsure_n", "is_told"), [(1151.0, 30.0, True), (1151.0, 1.0, False)])
