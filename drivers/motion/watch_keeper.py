@@ -18,6 +18,7 @@ import structlog
 from drivers.motion.moved_windows import FloatArray, MovedWindows
 from drivers.motion.watch_file import MOST_ROWS, WatchDay, WatchFileWriter, day_of, days_in, remove_day
 from drivers.watch_rules import WatchRules, WatchSpan
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 _MOST_WAITING: Final = 4000  # blocks that the disk has not taken: 100 s of 200 valves
@@ -126,7 +127,14 @@ class _Day:
             if self._writer is None:
                 self._writer = self._opened()
             if self._writer.rows + len(kept) > MOST_ROWS:
-                raise OSError(f"its file has {self._writer.rows} rows, {MOST_ROWS} are the most of a day")
+                raise OSError(
+                    say(
+                        "watched_day_full",
+                        "its file has {count} rows, {most} are the most of a day",
+                        count=self._writer.rows,
+                        most=MOST_ROWS,
+                    )
+                )
             self._writer.append(kept)
         except OSError as error:
             if not self._fault:
@@ -184,6 +192,10 @@ class _FreeDisk:
             self._free_bytes, self._asked_s = seen.f_bavail * seen.f_frsize, time.monotonic()
         if self._free_bytes < _LEAST_FREE_BYTES:
             raise OSError(
-                f"{self._free_bytes / 1e9:.2g} GB of the store's disk are free, {_LEAST_FREE_BYTES / 1e9:g} GB are "
-                "left to tests: free some space"
+                say(
+                    "disk_left_to_tests",
+                    "{free:.2g} GB of the store's disk are free, {left:g} GB are left to tests: free some space",
+                    free=self._free_bytes / 1e9,
+                    left=_LEAST_FREE_BYTES / 1e9,
+                )
             )

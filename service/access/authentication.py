@@ -22,17 +22,18 @@ from urllib.parse import quote, urlsplit
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access.access import Access
 from service.access.principal import LOCAL_PRINCIPAL, Principal
 from service.access.sessions import csrf_token, sha256
-from service.http.errors import NO_DATABASE, problem
+from service.http.errors import NO_DATABASE, told
 from service.http.given import part_of
 from service.model.requester import RequesterKind
 from service.runs.service import Runs
-from valve.messages import say
+from valve.messages import message_of, say
 
 #: A page that asks again by itself sends this: it keeps no session open.
 BACKGROUND_HEADER: Final = "x-background"
@@ -189,18 +190,21 @@ def _answer(scope: Scope, refusal: _Refusal) -> Response:
     """Return a problem document; a person whose browser asks for a page is led to the one where they sign in."""
     path: str = scope["path"]
     if refusal.status is not HTTPStatus.UNAUTHORIZED:
-        return problem(refusal.status, str(refusal), instance=path)
+        return told(refusal.status, message_of(refusal), Request(scope))
     if scope["method"] == "GET" and (path in _PAGES or path.startswith(_PAGES[-1])):
         query = scope["query_string"].decode("ascii", "replace")
         wanted = quote(f"{path}?{query}" if query else path, safe="/")
         return RedirectResponse(f"{SIGN_IN_PAGE}?next={wanted}", HTTPStatus.SEE_OTHER)
-    return problem(refusal.status, str(refusal), instance=path, headers={"WWW-Authenticate": "Bearer"})
+    return told(refusal.status, message_of(refusal), Request(scope), headers={"WWW-Authenticate": "Bearer"})
 
 
 def _bearer(credentials: list[str]) -> str:
     scheme, _, secret = credentials[0].partition(" ")
     if len(credentials) > 1 or scheme.lower() != "bearer":
-        raise _Refusal(HTTPStatus.UNAUTHORIZED, "the authorization is no bearer token: send Bearer TOKEN, once")
+        raise _Refusal(
+            HTTPStatus.UNAUTHORIZED,
+            say("no_bearer_token", "the authorization is no bearer token: send Bearer TOKEN, once"),
+        )
     return secret.strip()
 
 
@@ -229,7 +233,10 @@ def _require_csrf_token(headers: Headers, secret: str) -> None:
     if not hmac.compare_digest(given, csrf_token(secret).encode()):
         raise _Refusal(
             HTTPStatus.FORBIDDEN,
-            "X-CSRF-Token is missing or of another session: send the one of GET /session, or load the page anew",
+            say(
+                "csrf_token_wrong",
+                "X-CSRF-Token is missing or of another session: send the one of GET /session, or load the page anew",
+            ),
         )
 
 
@@ -245,7 +252,11 @@ def _require_own_origin(headers: Headers, encrypted: bool) -> None:
             return
     raise _Refusal(
         HTTPStatus.FORBIDDEN,
-        "a page of another site sent this: open the service's own page; behind a proxy let it hand on Host unchanged",
+        say(
+            "page_of_another_site",
+            "a page of another site sent this: open the service's own page; behind a proxy let it hand on Host "
+            "unchanged",
+        ),
     )
 
 
@@ -257,7 +268,10 @@ def _origin_parts(origin: str) -> tuple[str, str]:
             return parts.scheme.lower(), parts.netloc.lower()
     except ValueError:
         pass
-    raise _Refusal(HTTPStatus.BAD_REQUEST, "the header Origin holds no origin: send one such as https://host:port")
+    raise _Refusal(
+        HTTPStatus.BAD_REQUEST,
+        say("no_origin", "the header Origin holds no origin: send one such as https://host:port"),
+    )
 
 
 def _with_headers(send: Send, tls: bool) -> Send:

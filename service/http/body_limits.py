@@ -9,9 +9,10 @@ from http import HTTPStatus
 from typing import Final
 
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.errors import problem
+from service.http.errors import told
 from valve.messages import say
 
 KIB: Final = 1024
@@ -56,11 +57,8 @@ class BodyLimits:
         announced = dict(scope["headers"]).get(b"content-length", b"0")
         if announced.isdigit() and int(announced[:20]) > limit.size_bytes:
             await _drain(receive)
-            answer = problem(
-                HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                too_large,
-                instance=scope["path"],
-                headers={"Connection": "close"},
+            answer = told(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, too_large, Request(scope), headers={"Connection": "close"}
             )
             await answer(scope, receive, send)
             return

@@ -80,18 +80,34 @@ class ProblemResponse(JSONResponse):
     media_type = PROBLEM_TYPE
 
 
-def problem(
+def told(
     status: int,
-    detail: str,
+    said: str,
+    request: Request,
     *,
-    instance: str,
     kind: str = "about:blank",
     headers: Mapping[str, str] | None = None,
     **more: Any,
 ) -> ProblemResponse:
-    """Return a problem document; ``kind`` names the branch of the tree of errors where there is one."""
-    body = {"type": kind, "title": HTTPStatus(status).phrase, "status": status, "detail": detail, "instance": instance}
-    return ProblemResponse({**body, **more}, status_code=status, headers=dict(headers or {}))
+    """Return a problem document; ``kind`` names the branch of the tree of errors where there is one.
+
+    ``message`` is what a message was made of, ``shown`` what the page that asks shows of it.
+    """
+    path = request.url.path
+    body = {
+        "type": kind,
+        "title": HTTPStatus(status).phrase,
+        "status": status,
+        "detail": _printable(said),
+        "instance": path,
+        **more,
+    }
+    if isinstance(said, Message):
+        body["message"] = _as_json(said.to_json())
+    reader = reader_of_page(request.headers.get(UNITS_HEADER), request.headers.get("Accept-Language"))
+    if reader is not None:
+        body["shown"] = _printable(reader.told(said))
+    return ProblemResponse(body, status_code=status, headers=dict(headers or {}))
 
 
 def reader_of_page(units: str | None, languages: str | None) -> Reader | None:
@@ -134,14 +150,7 @@ def _valve_error(request: Request, error: Exception) -> ProblemResponse:
     headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
     if isinstance(error, ThrottledError):
         headers["Retry-After"] = str(math.ceil(error.retry_after_s))
-    said = message_of(error)
-    detail = _printable(said)
-    if isinstance(said, Message):
-        more["message"] = _as_json(said.to_json())
-    reader = reader_of_page(request.headers.get(UNITS_HEADER), request.headers.get("Accept-Language"))
-    if reader is not None:
-        more["shown"] = _printable(reader.told(said))
-    return problem(status, detail, instance=request.url.path, kind=kind, headers=headers, **more)
+    return told(status, message_of(error), request, kind=kind, headers=headers, **more)
 
 
 def _http_error(request: Request, error: Exception) -> ProblemResponse:
@@ -155,11 +164,10 @@ def _http_error(request: Request, error: Exception) -> ProblemResponse:
         detail = say(
             "no_such_method", "{method} is not possible on {path}: /docs lists what is", method=method, path=path
         )
-    more = {"message": _as_json(detail.to_json())} if isinstance(detail, Message) else {}
     headers = dict(error.headers or {})
     if "GET" in headers.get("Allow", "").split(", "):
         headers["Allow"] += ", HEAD"
-    return problem(error.status_code, _printable(detail), instance=path, headers=headers, **more)
+    return told(error.status_code, detail, request, headers=headers)
 
 
 def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
@@ -172,9 +180,7 @@ def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
     ]
     found = tuple(say("wrong_at", "{where}: {reason}", where=one["where"], reason=one["reason"]) for one in errors)
     detail = say("correct_request", "{found:; }: correct the request", found=found)
-    return problem(
-        HTTPStatus.UNPROCESSABLE_ENTITY, detail, instance=request.url.path, errors=errors, message=detail.to_json()
-    )
+    return told(HTTPStatus.UNPROCESSABLE_ENTITY, detail, request, errors=errors)
 
 
 def _reason(request: Request, one: Mapping[str, Any]) -> str:
@@ -190,16 +196,12 @@ def _reason(request: Request, one: Mapping[str, Any]) -> str:
 def _no_database(request: Request, error: Exception) -> ProblemResponse:
     reason = " ".join(str(getattr(error, "orig", None) or error).split())
     _LOG.error("the database does not answer", path=request.url.path, reason=reason[:300])
-    return _told(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, request)
+    return told(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, request)
 
 
 def _unexpected(request: Request, error: Exception) -> ProblemResponse:
     _LOG.error("request failed unexpectedly", path=request.url.path, exc_info=error)
-    return _told(HTTPStatus.INTERNAL_SERVER_ERROR, _FAULT_OF_OURS, request)
-
-
-def _told(status: HTTPStatus, message: Message, request: Request) -> ProblemResponse:
-    return problem(status, message, instance=request.url.path, message=message.to_json())
+    return told(HTTPStatus.INTERNAL_SERVER_ERROR, _FAULT_OF_OURS, request)
 
 
 def install_error_handlers(app: FastAPI) -> None:

@@ -13,15 +13,18 @@ from typing import Final
 
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.http.errors import problem
+from service.http.errors import told
+from valve.messages import say
 
 LOOPBACK_NAMES: Final = ("localhost", "127.0.0.1", "[::1]")
 _LET_IN: Final = "breakaway.host"
-_REFUSED: Final = (
+_REFUSED: Final = say(
+    "host_not_ours",
     "this service does not answer to the name in Host, or it is none: use one that service.allowed_hosts names, "
-    "or add it there"
+    "or add it there",
 )
 
 
@@ -52,7 +55,7 @@ class Hosts:
         if len(given) == 1:
             await self._check(scope, receive, sending)
         if not scope[_LET_IN]:
-            await problem(HTTPStatus.BAD_REQUEST, _REFUSED, instance=scope["path"])(scope, receive, send)
+            await told(HTTPStatus.BAD_REQUEST, _REFUSED, Request(scope))(scope, receive, send)
 
     async def _let_in(self, scope: Scope, receive: Receive, send: Send) -> None:
         scope[_LET_IN] = True

@@ -21,7 +21,7 @@ from service.workers.allowance import Allowance
 from service.workers.priority import ANALYSIS
 from valve import errors
 from valve.errors import InternalError, ValveError
-from valve.messages import restored
+from valve.messages import Message, message_of, restored, say
 from valve.nameplate import Nameplate
 
 Progress = Callable[[float, str], None]
@@ -176,7 +176,9 @@ class AnalysisProcess:
 
     async def _started(self) -> Process:
         if self._closed:
-            raise InternalError("analysis: it was closed, as the service is ending: repeat the request later")
+            raise InternalError(
+                say("analysis_closed", "analysis: it was closed, as the service is ending: repeat the request later")
+            )
         if self._worker is not None and _alive(self._worker):
             return self._worker
         await self._discard()
@@ -199,7 +201,7 @@ class AnalysisProcess:
         waited = self._ready
         if not waited:
             if progress is not None:
-                progress(0.0, "getting the analysis ready")
+                progress(0.0, say("analysis_getting_ready", "getting the analysis ready"))
             await self._readied(worker)
         assert worker.stdin is not None
         with suppress(ConnectionError):  # a worker that died shows when its answer is read
@@ -212,14 +214,14 @@ class AnalysisProcess:
                 answer = await self._next(worker, allowances, "analyse")
             except _WorkerEndedError as error:
                 if waited:
-                    raise _DiedWaitingError(str(error)) from error
+                    raise _DiedWaitingError(message_of(error)) from error
                 if estimated is None or self._closed:
                     raise
-                return await self._undiagnosed(estimated, "its process ended")
+                return await self._undiagnosed(estimated, say("diagnosis_process_ended", "its process ended"))
             except InternalError:
                 if estimated is None:
                     raise
-                return await self._undiagnosed(estimated, "it took too long")
+                return await self._undiagnosed(estimated, say("diagnosis_too_long", "it took too long"))
             waited = False
             if "estimated" in answer:
                 estimated = restored(answer["estimated"])
@@ -230,17 +232,29 @@ class AnalysisProcess:
             if progress is not None:
                 progress(float(answer["progress"]), restored(answer)["phase"])
 
-    async def _undiagnosed(self, estimated: dict[str, Any], reason: str) -> dict[str, Any]:
+    async def _undiagnosed(self, estimated: dict[str, Any], reason: Message) -> dict[str, Any]:
         """Return the estimates alone, and end the worker."""
-        _LOG.error("diagnosis ended early", reason=reason)
+        _LOG.error("diagnosis ended early", reason=str(reason))
         await self._discard()
-        message = f"The diagnosis failed ({reason}): the estimates stand; report it with the recording."
+        message = say(
+            "diagnosis_ended_early",
+            "The diagnosis failed ({reason}): the estimates stand; report it with the recording.",
+            reason=reason,
+        )
         return {"analysis": {**estimated, "discrepancy": {**estimated["discrepancy"], "message": message}}}
 
-    def _too_long(self, what: str) -> str:
+    def _too_long(self, what: str) -> Message:
         if what == "start":
-            return f"was not ready within {_START_LIMIT_S:g} s: look at the log and report it"
-        return f"took more than {self._time_limit_s:g} s and was ended: shorten the recording, or report it"
+            return say(
+                "analysis_not_ready",
+                "analysis: the worker was not ready within {limit:g s}: look at the log and report it",
+                limit=_START_LIMIT_S,
+            )
+        return say(
+            "analysis_too_long",
+            "analysis: the worker took more than {limit:g s} and was ended: shorten the recording, or report it",
+            limit=self._time_limit_s,
+        )
 
     async def _next(self, worker: Process, allowances: Sequence[Allowance], what: str) -> dict[str, Any]:
         assert worker.stdout is not None
@@ -248,7 +262,7 @@ class AnalysisProcess:
         while line is None:
             left_s = min(one.left_s() for one in allowances)
             if left_s <= 0.0:
-                raise InternalError(f"analysis: the worker {self._too_long(what)}")
+                raise InternalError(self._too_long(what))
             with suppress(TimeoutError):
                 async with asyncio.timeout(left_s):
                     line = await worker.stdout.readline()
@@ -257,8 +271,12 @@ class AnalysisProcess:
                 async with asyncio.timeout(_END_LIMIT_S):
                     await worker.wait()
             raise _WorkerEndedError(
-                f"analysis: the worker ended with code {worker.returncode} before it answered: "
-                "its last words are in the log; repeat the request, and report it if it ends again"
+                say(
+                    "analysis_worker_ended",
+                    "analysis: the worker ended with code {status} before it answered: its last words are in the log; "
+                    "repeat the request, and report it if it ends again",
+                    status=str(worker.returncode),
+                )
             )
         return dict(json.loads(line))
 

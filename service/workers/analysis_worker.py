@@ -99,7 +99,7 @@ def _judged(path: Path, nameplate: Nameplate) -> dict[str, Any]:
                 "day_on_disk_unreadable",
                 "{file}: it cannot be read ({why}): look at the disk",
                 file=path.name,
-                why=error.strerror or str(error),
+                why=error.strerror or message_of(error),
             )
         ) from error
 

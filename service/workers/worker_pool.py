@@ -15,6 +15,7 @@ from service.workers.analysis_process import WORKER, AnalysisProcess
 from service.workers.polling import Polling
 from service.workers.priority import UPLOAD
 from valve.errors import InternalError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 _MOST_WORKERS: Final = 4  # each holds about 300 MB
@@ -147,8 +148,13 @@ class WorkerPool:
     async def _upload_slot(self) -> AsyncIterator[AnalysisProcess]:
         if self._uploads_asked >= MOST_UPLOADS:
             raise ThrottledError(
-                f"{self._uploads_asked} uploads wait for their analysis, the most is {MOST_UPLOADS}: try again later, "
-                "or use breakaway analyze on a machine of your own",
+                say(
+                    "uploads_wait",
+                    "{count} uploads wait for their analysis, the most is {most}: try again later, or use breakaway "
+                    "analyze on a machine of your own",
+                    count=self._uploads_asked,
+                    most=MOST_UPLOADS,
+                ),
                 _UPLOAD_AGAIN_S,
             )
         self._uploads_asked += 1

@@ -34,6 +34,7 @@ DATA_ALONE: tuple[str, ...] = (
     "service/runs",
     "service/server",
     "service/store",
+    "service/workers",
 )
 #: Where no text that a person reads is put together: its quantities would be lost. Rooms, folders and files.
 WHOLE: tuple[str, ...] = (
@@ -62,10 +63,22 @@ AT_THE_EDGE: tuple[str, ...] = tuple(
         "audit",
         "backup",
         "server",
+        "workers",
         "cli",
         "reload.py",
     )
 )
+#: Where each sentence that is not logged is a message: a person is told all of them.
+SAID_ALONE: tuple[str, ...] = (
+    "drivers/motion/watch_keeper.py",
+    "service/access",
+    "service/http/body_limits.py",
+    "service/http/errors.py",
+    "service/http/hosts.py",
+    "service/workers",
+)
+#: What a call is named by that refuses a request: each of its texts is told to who asked.
+REFUSES = ("Error", "Refusal", "HTTPException")
 #: By these names a call takes what a person is told.
 TOLD_AS = ("reason", "remedy", "problem", "note", "why", "sentence")
 LOGGED = ("debug", "info", "warning", "error", "append")
@@ -80,6 +93,7 @@ OF_PYTHON = (
     "OSError",
     "PydanticCustomError",
 )
+_THREE_WORDS: Final = re.compile(r"[^\W\d_]{2,}[,;:]? [^\W\d_]{2,}[,;:]? [^\W\d_]{2,}")
 _TWO_WORDS: Final = re.compile(r"[^\W\d_]{2,}[,;:]? [^\W\d_]{2,}")
 OWN_ERRORS = tuple(name for name, kind in vars(errors).items() if isinstance(kind, type))
 WORDS = re.compile(r"[a-z]{2,} [a-z]{2,}")
@@ -186,9 +200,32 @@ def test_no_error_is_raised_with_a_plain_text(room: str) -> None:
         f"{path}:{call.lineno}"
         for path, module in _modules(room)
         for name, call in _calls(module)
-        if name.endswith("Error") and name not in OF_PYTHON and any(_is_text(one) for one in call.args)
+        if name.endswith(REFUSES) and name not in OF_PYTHON and any(_is_text(one) for one in call.args)
     ]
     assert put_together == []
+
+
+def _sentences(module: ast.Module) -> Iterator[str]:
+    """Yield the sentences of a module, each with its line, that stand in no docstring, log, message or own fault."""
+    waiting: list[ast.AST] = [module]
+    while waiting:
+        node = waiting.pop()
+        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        if called.startswith("_LOG.") or called in ("say", *(one for one in OF_PYTHON if one != "OSError")):
+            continue
+        if isinstance(node, ast.Assert) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            continue
+        if isinstance(node, ast.Constant | ast.JoinedStr):
+            text = _told(node) if isinstance(node, ast.JoinedStr) else str(node.value)
+            if _THREE_WORDS.search(text):
+                yield f"{node.lineno}: {text}"
+        waiting += ast.iter_child_nodes(node)
+
+
+@pytest.mark.parametrize("room", SAID_ALONE)
+def test_each_sentence_is_a_message(room: str) -> None:
+    plain = [f"{path}:{one}" for path, module in _modules(room) for one in _sentences(module)]
+    assert plain == []
 
 
 @pytest.mark.parametrize("room", DATA_ALONE)
@@ -224,6 +261,8 @@ def _told_by(call: ast.Call) -> Iterator[ast.expr]:
     name = call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
     if name.endswith("Error") and name not in OF_PYTHON:
         yield from call.args[:1]
+    elif name not in OF_PYTHON and name.endswith(REFUSES):
+        yield from call.args
     elif name == "add" and len(call.args) == FAULT:
         yield from call.args[2:]
     if name not in LOGGED:
@@ -248,6 +287,7 @@ def test_nobody_is_told_a_text_that_was_put_together(room: str) -> None:
     [
         'NotFoundError(f"{tag}: unknown")',
         'NotFoundError("no such test: name another")',
+        '_Refusal(HTTPStatus.FORBIDDEN, "nobody is signed in")',
         "NotFoundError(str(error))",
         'NotFoundError("; ".join(reasons))',
         'findings.add(key, value, "it is too large", remedy)',

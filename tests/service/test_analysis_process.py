@@ -18,6 +18,7 @@ from service.workers.allowance import processor_time_s
 from service.workers.analysis_process import AnalysisProcess
 from tests.support.nominal_recordings import triangle_test
 from valve.errors import InternalError, RecordingError
+from valve.messages import Message
 from valve.nameplate import Actuator, Nameplate
 from valve.recording_files import write_parquet
 
@@ -121,7 +122,9 @@ async def test_a_job_that_takes_too_long_is_ended_and_its_worker_replaced() -> N
         assert (await process.analyze("good", PLATE))["pid"] != first
 
 
-@pytest.mark.parametrize(("what", "reason"), [("late crash", "process ended"), ("late hang", "took too long")])
+@pytest.mark.parametrize(
+    ("what", "reason"), [("late crash", "diagnosis_process_ended"), ("late hang", "diagnosis_too_long")]
+)
 async def test_a_diagnosis_that_never_ends_leaves_the_estimates(what: str, reason: str) -> None:
     async with AnalysisProcess(command=WORKER, diagnosis_limit_s=0.3) as process:
         first = process.worker_pid
@@ -129,7 +132,10 @@ async def test_a_diagnosis_that_never_ends_leaves_the_estimates(what: str, reaso
         answer = await process.analyze(what, PLATE)
         assert answer["of"] == what
         assert answer["discrepancy"]["verdict"] == "not_assessed"
-        assert reason in answer["discrepancy"]["message"]
+        message = answer["discrepancy"]["message"]
+        assert isinstance(message, Message)
+        assert message.code == "diagnosis_ended_early"
+        assert message.values["reason"].code == reason  # type: ignore[union-attr]
         assert not alive(first)
         assert (await process.analyze("late good", PLATE))["pid"] != first
 

@@ -246,6 +246,22 @@ async def test_without_sign_in_a_page_of_another_site_moves_nothing(open_client:
     assert_problem(await open_client.get("/users"), 403, "admin")
 
 
+async def test_a_refusal_is_data_and_a_page_reads_it_in_its_language(open_client: httpx.AsyncClient) -> None:
+    german = {"Breakaway-Units": "bar", "Accept-Language": "de", "Origin": "http://evil.example"}
+    refused = (await open_client.post("/tests/run", json=RUN, headers=german)).json()
+    assert refused["message"]["code"] == "page_of_another_site"
+    assert "einer anderen Website" in refused["shown"]
+    assert "another site" in refused["detail"]
+    for headers, code in (
+        ({"Host": "evil.example"}, "host_not_ours"),
+        ({"Authorization": "Basic x"}, "no_bearer_token"),
+        ({"Origin": "nothing"}, "no_origin"),
+    ):
+        refused = (await open_client.post("/tests/run", json=RUN, headers=headers)).json()
+        assert refused["message"]["code"] == code, refused
+        assert "shown" not in refused
+
+
 async def test_every_answer_says_that_it_is_for_nobody_else(open_client: httpx.AsyncClient) -> None:
     headers = (await open_client.get("/valves")).headers
     assert headers["x-content-type-options"] == "nosniff"
