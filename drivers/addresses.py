@@ -19,16 +19,16 @@ from valve.units import SI_FACTORS
 
 
 def _timeout_of(bus: str) -> str:
-    return say("timeout_of_bus", "bus {bus}: timeout_s", bus=bus)
+    return say("timeout_of_bus", "bus {bus}: {key}", bus=bus, key="timeout_s")
 
 
-def _not_positive(subject: str, value: float, unit: str) -> str:
+def _not_positive(key: str, value: float, unit: str) -> str:
     if math.isfinite(value) and value > 0.0:
         return ""
     return say(
         "number_not_positive",
-        "{subject} is {value:g} {unit}, it must be above 0: correct it",
-        subject=subject,
+        "{key} is {value:g} {unit}, it must be above 0: correct it",
+        key=key,
         value=value,
         unit=unit,
     )
@@ -159,7 +159,11 @@ class RtuAddress:
         faults = [_no_baud_rate(self.name, self.baud_rate)]
         faults.append(_not_positive(_timeout_of(self.name), self.timeout_s, "s"))
         faults.append(
-            _not_positive(say("latency_of_bus", "bus {bus}: worst_latency_s", bus=self.name), self.worst_latency_s, "s")
+            _not_positive(
+                say("latency_of_bus", "bus {bus}: {key}", bus=self.name, key="worst_latency_s"),
+                self.worst_latency_s,
+                "s",
+            )
         )
         refuse(ConfigurationError, faults)
 
@@ -248,14 +252,19 @@ class MotionLimits:
             faults.append(
                 say(
                     "pressure_limits_do_not_rise",
-                    "limits.pressure_pa is {low:g in Pa} to {high:g Pa}, it must rise: correct it",
+                    "{key} is {low:g in Pa} to {high:g Pa}, it must rise: correct it",
+                    key="limits.pressure_pa",
                     low=self.pressure_pa[0],
                     high=self.pressure_pa[1],
                 )
             )
         if self.position_m is not None and not self.position_m[0] < self.position_m[1]:
             faults.append(
-                say("position_limits_do_not_rise", "limits.position_m must rise: give the lower position first")
+                say(
+                    "position_limits_do_not_rise",
+                    "{key} must rise: give the lower position first",
+                    key="limits.position_m",
+                )
             )
         refuse(ConfigurationError, faults)
 
@@ -292,7 +301,8 @@ class WatchdogChoice:
             faults.append(
                 say(
                     "watchdog_and_waiver",
-                    "watchdog: give either timeout_s or, for a device that has none, waived = a reason",
+                    "watchdog: give either {key} or, for a device that has none, waived = a reason",
+                    key="timeout_s",
                 )
             )
         refuse(ConfigurationError, faults)
@@ -336,9 +346,10 @@ def safe_value_fault(tag: str, safe_value_pa: float | Literal["entry"], limits: 
         return ""
     return say(
         "safe_value_outside_limits",
-        "{tag}: safe_value_pa {value:g Pa} is outside limits.pressure_pa {low:g in Pa} to "
-        "{high:g Pa}, correct one of them",
+        "{tag}: {key} {value:g Pa} is outside {limits} {low:g in Pa} to {high:g Pa}, correct one of them",
         tag=tag,
+        key="safe_value_pa",
+        limits="limits.pressure_pa",
         value=safe_value_pa,
         low=low_pa,
         high=high_pa,

@@ -156,8 +156,9 @@ def _spans(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
                 None if quantity is None else list(quantity),
                 say(
                     "next_to_nothing_of_limits",
-                    "{register}, next to nothing of limits.pressure_pa, {low:g in Pa} to {high:g Pa}",
+                    "{register}, next to nothing of {limits}, {low:g in Pa} to {high:g Pa}",
                     register=register,
+                    limits="limits.pressure_pa",
                     low=low_pa,
                     high=high_pa,
                 ),

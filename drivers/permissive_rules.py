@@ -86,7 +86,11 @@ class PermissiveRules:
 
     def __post_init__(self) -> None:
         faults = [
-            say("permissive_limits_do_not_rise", "permissives.{name} must rise: give the lower value first", name=name)
+            say(
+                "permissive_limits_do_not_rise",
+                "{key} must rise: give the lower value first",
+                key=f"permissives.{name}",
+            )
             for name, span in (("supply_pa", self.supply_pa), ("position_m", self.position_m))
             if span is not None and not span[0] < span[1]
         ]
@@ -94,7 +98,8 @@ class PermissiveRules:
             faults.append(
                 say(
                     "still_not_positive",
-                    "permissives.still_m is {still:g m}, it must be above 0: correct it",
+                    "{key} is {still:g m}, it must be above 0: correct it",
+                    key="permissives.still_m",
                     still=self.still_m,
                 )
             )
@@ -102,7 +107,8 @@ class PermissiveRules:
             faults.append(
                 say(
                     "unread_time_outside",
-                    "permissives.unread_s is {unread:g s}, it must be {least:g in s} to {most:g s}: correct it",
+                    "{key} is {unread:g s}, it must be {least:g in s} to {most:g s}: correct it",
+                    key="permissives.unread_s",
                     unread=self.unread_s,
                     least=_UNREAD_S[0],
                     most=_UNREAD_S[1],
@@ -114,7 +120,11 @@ class PermissiveRules:
             )
         if self.supply is not None and self.supply_pa is None:
             faults.append(
-                say("supply_without_limits", "permissives.supply is measured and supply_pa says no limits: give both")
+                say(
+                    "supply_without_limits",
+                    "permissives.supply is measured and {key} says no limits: give both",
+                    key="supply_pa",
+                )
             )
         refuse(ConfigurationError, faults)
 

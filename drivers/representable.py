@@ -250,7 +250,8 @@ def _capture(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
         if not wanted.holds(samples):
             reason = say(
                 "longest_test_samples",
-                "a test of limits.longest_test_s would have {samples:.4g} samples, {takes}",
+                "a test of {limit} would have {samples:.4g} samples, {takes}",
+                limit="limits.longest_test_s",
                 samples=samples,
                 takes=takes(wanted, unit),
             )

@@ -32,7 +32,8 @@ class RestRules:
             raise ConfigurationError(
                 say(
                     "stem_read_time_outside",
-                    "stem_read_after_s is {time:g s}, it must be from 0 to {most:g s}: correct it",
+                    "{key} is {time:g s}, it must be from 0 to {most:g s}: correct it",
+                    key="stem_read_after_s",
                     time=self.after_s,
                     most=_LONGEST_S,
                 )
@@ -41,7 +42,8 @@ class RestRules:
             raise ConfigurationError(
                 say(
                     "safe_tolerance_not_positive",
-                    "safe_position_tolerance_m is {tolerance:g m}, it must be above 0: correct it",
+                    "{key} is {tolerance:g m}, it must be above 0: correct it",
+                    key="safe_position_tolerance_m",
                     tolerance=self.tolerance_m,
                 )
             )

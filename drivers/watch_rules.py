@@ -45,8 +45,9 @@ class WatchRules:
             faults.append(
                 say(
                     "watch_period_outside",
-                    "watch.period_s is {period:g s}, it must be from {least:g in s} to {most:g s}: 0.1 s shows "
-                    "each slip of a stem",
+                    "{key} is {period:g s}, it must be from {least:g in s} to {most:g s}: 0.1 s shows each slip of a "
+                    "stem",
+                    key="watch.period_s",
                     period=self.period_s,
                     least=SHORTEST_PERIOD_S,
                     most=LONGEST_PERIOD_S,
@@ -71,7 +72,8 @@ class WatchRules:
             faults.append(
                 say(
                     "watch_days_outside",
-                    "watch.keep_days is {days}, it must be from 1 to {most}: correct it",
+                    "{key} is {days}, it must be from 1 to {most}: correct it",
+                    key="watch.keep_days",
                     days=self.keep_days,
                     most=MOST_DAYS,
                 )

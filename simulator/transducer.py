@@ -126,7 +126,8 @@ class Transducer:
             raise ParameterError(
                 say(
                     "supply_below_range",
-                    "supply_pa is {supply:g Pa}, it must be above the range's {low:g Pa}",
+                    "{key} is {supply:g Pa}, it must be above the range's {low:g Pa}",
+                    key="supply_pa",
                     supply=self.supply_pa,
                     low=low_pa,
                 )
@@ -150,8 +151,9 @@ class Transducer:
             raise ParameterError(
                 say(
                     "transducer_lag_twice",
-                    "the transducer's lag_s is {lag:g s} already and transducer_lag gives {path_lag:g s}: leave "
-                    "one out",
+                    "the transducer's {key} is {lag:g s} already and transducer_lag gives {path_lag:g s}: leave one "
+                    "out",
+                    key="lag_s",
                     lag=self.lag_s,
                     path_lag=path.lag_s,
                 )

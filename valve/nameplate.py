@@ -19,24 +19,24 @@ class Action(StrEnum):
     DOUBLE = "double"
 
 
-def _not_positive(subject: str, value: float | None, unit: str) -> str:
+def _not_positive(key: str, value: float | None, unit: str) -> str:
     if value is None or (math.isfinite(value) and value > 0.0):
         return ""
     return say(
         "nameplate_not_positive",
-        "{subject} is {value:g} {unit}, it must be above 0: correct the nameplate",
-        subject=subject,
+        "{key} is {value:g} {unit}, it must be above 0: correct the nameplate",
+        key=key,
         value=value,
         unit=unit,
     )
 
 
-def _no_range(subject: str, span: Sequence[float], unit: str) -> str:
+def _no_range(key: str, span: Sequence[float], unit: str) -> str:
     if len(span) != 2:
         return say(
             "range_of_two",
-            "{subject} has {count} values, it needs 2: give its lower and its upper end",
-            subject=subject,
+            "{key} has {count} values, it needs 2: give its lower and its upper end",
+            key=key,
             count=len(span),
         )
     low, high = span
@@ -44,8 +44,8 @@ def _no_range(subject: str, span: Sequence[float], unit: str) -> str:
         return ""
     return say(
         "range_must_rise",
-        "{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first",
-        subject=subject,
+        "{key} is {low:g} to {high:g} {unit}, it must rise: give the lower value first",
+        key=key,
         low=low,
         high=high,
         unit=unit,
@@ -93,8 +93,8 @@ class Actuator:
                 faults.append(
                     say(
                         "bench_set_without_spring",
-                        "actuator.bench_set_pa is given for a double-acting actuator, which has no spring: leave it "
-                        "out",
+                        "{key} is given for a double-acting actuator, which has no spring: leave it out",
+                        key="actuator.bench_set_pa",
                     )
                 )
         refuse(ParameterError, faults)

@@ -22,7 +22,7 @@ from service.cli.demo_plant import DEMO_VALVES, DemoValve, write_demo_plant
 from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
 from service.cli.demo_tables import print_legend, print_test
 from service.cli.signals import ended_by_signals
-from service.cli.truths import told_truth
+from service.cli.truths import read_truths
 from valve.errors import InternalError, MeasurementError, ValveError
 from valve.messages import say
 from valve.parameter_sets import PARAMETER_SETS
@@ -147,7 +147,7 @@ async def _truth(simulated: DemoProcess, valve: DemoValve, test: dict[str, Any])
     is_complete = test["state"] == "completed"
     deadline = time.monotonic() + (_TRUTH_WAIT_S if is_complete else 0.0)
     while True:
-        told = [truth for truth in map(told_truth, simulated.said) if truth is not None and truth.tag == valve.tag]
+        told = [truth for truth in read_truths(simulated.truths) if truth.tag == valve.tag]
         if told:
             swept_m = test["analysis"]["recording"].get("position_range_m") if is_complete else None
             longest = max(told, key=lambda truth: truth.duration_s)

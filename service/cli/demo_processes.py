@@ -26,11 +26,15 @@ _END_S: Final = 15.0  # valves are brought to their safe values first
 
 @dataclass(frozen=True, slots=True)
 class DemoProcess:
-    """A breakaway command that runs as a process of its own; what it says goes to ``log``."""
+    """A breakaway command that runs as a process of its own; what it says goes to ``log``.
+
+    To ``truths`` goes what the plant says of each test, for programs.
+    """
 
     name: str
     process: subprocess.Popen[bytes]
     log: Path
+    truths: Path
 
     @property
     def said(self) -> list[str]:
@@ -60,11 +64,13 @@ def demo_processes(config: Path) -> Iterator[list[DemoProcess]]:
     try:
         for name in ("simulate", "motion", "serve"):
             log = config.parent / f"{name}.log"
+            truths = log.with_suffix(".jsonl")
             command = [sys.executable, "-m", "service.cli", name, "--config", str(config)]
+            command += ["--truths", str(truths)] if name == "simulate" else []
             with log.open("wb") as output:
                 # a session of its own: Ctrl-C in the terminal reaches the demonstration alone, which ends them in order
                 process = subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True)
-            running.append(DemoProcess(name, process, log))
+            running.append(DemoProcess(name, process, log, truths))
         yield running
     finally:
         _end([one.process for one in reversed(running)])

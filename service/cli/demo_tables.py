@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
+import textwrap
 from typing import Any, Final
 
 from rich import box
@@ -16,7 +16,7 @@ from service.cli.demo_plant import DemoValve
 from service.cli.diagnosis_tables import diagnosis_lines
 from service.words.plain_numbers import as_read, half_width, scatter_words
 from service.words.sentences import sentences_of
-from valve.messages import say
+from valve.messages import restored, say
 from valve.parameters import PARAMETER_SYMBOLS
 
 _METHODS: Final = {
@@ -30,7 +30,6 @@ _DIGITS: Final = 5  # of a value without an interval
 _WIDEST: Final = 10  # characters of a value
 _ERROR_PLACES: Final = ((10.0, 3), (100.0, 2))  # after the point, below so many percent: 6 characters
 _INDENT: Final = 2  # columns
-_CLAUSE_END: Final = re.compile(r"[:;,](?= )")
 
 
 def _rounded(parameter: dict[str, Any]) -> str:
@@ -123,22 +122,11 @@ def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
     told = [(", ".join(owners), reason) for reason, owners in symbols.items()]
     for reason, owners in methods.items():
         told.append((f"all {len(owners)} methods" if len(owners) == len(estimates) > 1 else ", ".join(owners), reason))
-    return [_on_one_line(subject, reason, width) for subject, reason in told]
+    return [textwrap.shorten(f"{subject}: {reason}", width, placeholder="…") for subject, reason in told]
 
 
 def _first_sentence(text: str) -> str:
     return next(iter(sentences_of(text)), "")
-
-
-def _on_one_line(subject: str, reason: str, width: int) -> str:
-    """Cut a reason behind its last clause that ends within ``width`` and past its half, or else between words."""
-    text = f"{subject}: {reason}"
-    if len(text) <= width:
-        return text
-    ends = [match.start() for match in _CLAUSE_END.finditer(text, max(width // 2, len(subject) + 1), width)]
-    if ends:
-        return text[: ends[-1]]
-    return f"{text[: width - 1].rsplit(' ', 1)[0]}…"
 
 
 def print_legend(console: Console) -> None:
@@ -164,9 +152,11 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
     if test["state"] != "completed":
         console.print(f"{valve.tag}: {test['state']}: {test.get('error') or 'no reason given'}", style="bold")
         return
+    made = {**made, "test": {**test, "analysis": restored(test["analysis"])}}
+    analysis = made["test"]["analysis"]
     console.print(_table(valve, made))
-    notes = _notes(test["analysis"]["estimates"], console.width - _INDENT)
+    notes = _notes(analysis["estimates"], console.width - _INDENT)
     # a diagnosis that was not made says why, and that is the scatter
-    scatter = [] if test["analysis"]["discrepancy"]["verdict"] == "not_assessed" else _scatter_lines(made)
-    for line in [*scatter, *notes, *diagnosis_lines(test["analysis"]["discrepancy"])]:
+    scatter = [] if analysis["discrepancy"]["verdict"] == "not_assessed" else _scatter_lines(made)
+    for line in [*scatter, *notes, *diagnosis_lines(analysis["discrepancy"])]:
         console.print(Padding(Text(as_read(line)), (0, 0, 0, _INDENT), expand=False))

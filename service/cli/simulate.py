@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, TextIO
 
 import typer
 
@@ -25,9 +25,14 @@ _CATCH_UP_EVERY_S: Final = 2.0
 
 def simulate(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
+    *,
     speed: Annotated[float, typer.Option("--speed", metavar="N", help="Run the valves' clock N times faster.")] = 1.0,
     log: Annotated[
         Path | None, typer.Option("--log", metavar="FILE", help="Write every event and position there, JSON lines.")
+    ] = None,
+    truths: Annotated[
+        Path | None,
+        typer.Option("--truths", metavar="FILE", help="Write what it says of each test there too, JSON lines."),
     ] = None,
     tls_certificate: Annotated[
         Path | None, typer.Option("--tls-certificate", metavar="FILE", help="Certificate of simulated TLS devices.")
@@ -65,37 +70,51 @@ def simulate(
             )
         )
     plant = plant_from_settings(settings, speed, certificate)
-    uvloop.run(_serve(plant, log))
+    uvloop.run(_serve(plant, log, truths))
 
 
-async def _serve(plant: SimulatedPlant, log: Path | None) -> None:
+async def _serve(plant: SimulatedPlant, log: Path | None, truths: Path | None = None) -> None:
     """Serve until a signal comes. Raises ConfigurationError where an address cannot be had."""
-    from service.cli.truths import truth_line
+    from service.cli.truths import record_truth, write_truth
     from simulator.record import RecordFile
+    from simulator.samples import EndedRecord
 
     stopped, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopped.set)
     with contextlib.ExitStack() as stack:
+        told = None if truths is None else stack.enter_context(_added_to(truths))
+
+        def tell(tag: str, ended: EndedRecord) -> None:
+            truth = record_truth(tag, ended)
+            print(truth.in_words(), flush=True)
+            if told is not None:
+                write_truth(told, truth)
+
         if log is not None:
-            try:
-                file = RecordFile(stack.enter_context(log.open("a", encoding="utf-8")))
-            except OSError as error:
-                raise RequestError(
-                    say(
-                        "log_unwritable",
-                        "{log}: the log cannot be written there ({reason}): give another file",
-                        log=str(log),
-                        reason=str(error.strerror),
-                    )
-                ) from error
+            file = RecordFile(stack.enter_context(_added_to(log)))
             for record in plant.records.values():
                 file.attach(record)
         try:
             await plant.start(_CATCH_UP_EVERY_S if log is None else _LOOK_EVERY_S)
             for address, served in zip(plant.addresses, plant.descriptions, strict=True):
                 print(f"{address}: {served}", flush=True)
-            plant.tell_of_records(lambda tag, ended: print(truth_line(tag, ended), flush=True))
+            plant.tell_of_records(tell)
             await stopped.wait()
         finally:
             await plant.stop()
+
+
+def _added_to(path: Path) -> TextIO:
+    """Return a file to which lines are added. Raises RequestError where it cannot be written."""
+    try:
+        return path.open("a", encoding="utf-8")
+    except OSError as error:
+        raise RequestError(
+            say(
+                "log_unwritable",
+                "{log}: the log cannot be written there ({reason}): give another file",
+                log=str(path),
+                reason=str(error.strerror),
+            )
+        ) from error

@@ -379,5 +379,5 @@ def _check_limits(findings: Findings, key: Key, limits: MotionLimits, signal: Tr
             key,
             list(limits.pressure_pa),
             say("ip_gives", "the I/P gives {low:g in Pa} to {high:g Pa}", low=signal_low_pa, high=signal_high_pa),
-            say("stay_inside_range", "stay inside signal.range_pa"),
+            say("stay_inside_range", "stay inside {limits}", limits="signal.range_pa"),
         )

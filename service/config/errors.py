@@ -16,7 +16,7 @@ from service.config.units import Written, in_own_words, in_si, own_names
 from service.words.sentences import lines_of
 from service.words.spelling import known_keys, lowered, nearest
 from valve.errors import ConfigurationError, ValveError
-from valve.messages import Message, joined, message_of, say
+from valve.messages import Message, joined, message_of, messages_in, say
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -97,15 +97,27 @@ def _spelling(word: str, known: list[str], with_unit: Collection[str]) -> str:
     return say("remove_unknown", "remove it; known here are {known:, }", known=tuple(known))
 
 
+def _judged(reason: str) -> str:
+    """Return the key that a reason judges, which it has as its value ``key``; "" where it judges none."""
+    keys = (one.values.get("key") for one in messages_in(reason))
+    return next((str(key) for key in keys if type(key) is str), "")
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that is wrong with a file; ``remedy`` is "" where the reason says what to do."""
+    """One thing that is wrong with a file; ``remedy`` is "" where the reason says what to do.
+
+    ``place`` is the key as its parts; ``named`` is the key below it that the reason judges, with its table, where a
+    table judged itself.
+    """
 
     file: str
     key: str
     value: str | None
     reason: str
     remedy: str = ""
+    place: Key = ()
+    named: str = ""
 
     def __str__(self) -> str:
         """Return it as one line."""
@@ -153,12 +165,15 @@ class Findings:
         reason, remedy = self._in_own_words(key, reason), self._in_own_words(key, remedy)
         own = self._written.get(key)
         value = value if own is None else own.value
-        self._faults[Fault(self._file, _written(self._own_key(key)), _shown(value), reason, remedy)] = None
+        self._note_at(self._own_key(key), _shown(value), reason, remedy)
 
     def add_error(self, key: Key, error: ValveError) -> None:
         """Note faults that a dataclass found in itself, one a line; each names value, limit and remedy already."""
         for line in lines_of(message_of(error)):
-            self._faults[Fault(self._file, _written(self._own_key(key)), None, self._in_own_words(key, line))] = None
+            self._note_at(self._own_key(key), None, self._in_own_words(key, line), named=_judged(line))
+
+    def _note_at(self, place: Key, value: str | None, reason: str, remedy: str = "", named: str = "") -> None:
+        self._faults[Fault(self._file, _written(place), value, reason, remedy, place, named)] = None
 
     def error(self) -> ConfigurationError:
         """Return all faults as one error, one line each."""
@@ -219,11 +234,7 @@ class Findings:
             )
         elif one["type"] in ("missing", "missing_argument"):
             if key not in self._left_open:
-                self._faults[
-                    Fault(
-                        self._file, _written(key), None, say("it_is_missing", "it is missing"), say("add_it", "add it")
-                    )
-                ] = None
+                self._note_at(key, None, say("it_is_missing", "it is missing"), say("add_it", "add it"))
         else:
             reason = lowered(one["msg"])
             remedy = _REMEDIES.get(one["type"], say("correct_it", "correct it"))

@@ -39,6 +39,7 @@ def check_family_rule(findings: Findings, valve: ValveParts, wired: Wired | None
             say("family_rule_needs_force", "{tag}: it needs the force of the actuator", tag=valve.tag),
             say(
                 "measure_force_or_no_family_rule",
-                "give actuator.diaphragm_area_m2 and a measured pressure, or say end_out_of_family = false",
+                "give {missing} and a measured pressure, or say end_out_of_family = false",
+                missing="actuator.diaphragm_area_m2",
             ),
         )

@@ -64,7 +64,7 @@ def rest_rules(
                     say("give_position", "give the position in m from the closed end, or correct that span"),
                 )
     if tolerance_m is not None and position_m is None:
-        reason = say("belongs_to_missing", "it belongs to safe_position_m, which is missing")
+        reason = say("belongs_to_missing", "it belongs to {other}, which is missing", other="safe_position_m")
         findings.add(
             (*key, "safe_position_tolerance_m"), tolerance_m, reason, say("add_or_remove", "add that, or remove this")
         )

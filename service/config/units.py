@@ -142,30 +142,18 @@ def _end_of(number: str, unit: str) -> Any:
 
 
 def in_own_words(text: str, written: Iterable[tuple[Path, Written]]) -> str:
-    """Return a message about SI keys by the names and values that stand in the file; a message stays one."""
-    known = list(written)
-    return changed(text, lambda one: _in_own_words(one, known))
+    """Return a message with each value that is an SI key by the name and the value that stand in the file."""
+    known = [(path, one) for path, one in written if path[-1] != one.name]
+    return changed(text, lambda one: one if isinstance(one, Message) else _in_own_words(one, known))
 
 
-def _in_own_words(text: str, written: Iterable[tuple[Path, Written]]) -> str:
-    if isinstance(text, Message):
-        template = _with_own_names(text.template, written, in_template=True)
-        return text if template == text.template else Message(text.code, template, text.values, text.form)
-    return _with_own_names(text, written)
-
-
-def _with_own_names(text: str, written: Iterable[tuple[Path, Written]], *, in_template: bool = False) -> str:
+def _in_own_words(value: str, written: Iterable[tuple[Path, Written]]) -> str:
+    table, _, name = value.rpartition(".")
     for path, one in written:
-        if path[-1] == one.name:
-            continue  # a key that says no unit
-        table = rf"(?:{re.escape(path[-2])}\.)?" if len(path) > 1 else r"(?:\w+\.)?"
-        shown = f"{one.name} ({json.dumps(one.value, ensure_ascii=False)})"
-        if in_template:
-            shown = shown.replace("{", "{{").replace("}", "}}")
-        parts = re.split(rf"(?<![\w.])({table}){re.escape(path[-1])}\b", text)
-        hits = zip(parts[1::2], parts[2::2], strict=True)
-        text = parts[0] + "".join(f"{before}{shown}{after}" for before, after in hits)
-    return text
+        if path[-1] == name and (not table or path[-2:-1] in ((), (table,))):
+            own = f"{table}.{one.name}" if table else one.name
+            return say("own_key", "{key} ({value})", key=own, value=json.dumps(one.value, ensure_ascii=False))
+    return value
 
 
 @lru_cache(maxsize=128)

@@ -57,7 +57,6 @@ _CONTACTS: Final = ("manual", "interlock", "supply")  # of permissives: places o
 _MOST_BYTES: Final = 2**24
 _HEADER: Final = re.compile(r"(.*?)\s*(?:\(([^()]*)\)|\[([^\[\]]*)\])?")
 _YES_NO: Final = {"true": True, "yes": True, "false": False, "no": False}
-_KEY: Final = re.compile(r"valves\[(\d+)\](?:\.(.*))?")
 
 
 class _Key(NamedTuple):
@@ -347,25 +346,41 @@ def _by_cells(
         for name in own_names(_TABLES[column.key.table]).get(column.key.name, ()):
             by_key.setdefault(str(_Key(column.key.table, name)), column)
     told: dict[Fault, list[int]] = {}
+    in_cells: set[Fault] = set()
     for fault in found:
-        place = _KEY.fullmatch(fault.key)
-        row = None if place is None or int(place[1]) < first else rows[int(place[1]) - first]
-        if place is None or row is None:
+        row = _row_of(fault, rows, first)
+        if row is None:
             told.setdefault(fault, [])
             continue
-        path = re.sub(r"\[\d+\]", "", place[2] or "")
-        # a table that judges itself names its key in the reason
-        named = re.match(r"[a-z]+\.\w+", fault.reason)
-        given = by_key.get(path) or (None if named is None else by_key.get(named[0]))
+        path = ".".join(part for part in fault.place[2:] if isinstance(part, str))
+        given = by_key.get(path) or by_key.get(fault.named)
         if given is None:
-            told.setdefault(replace(fault, file=source, key=path or "the valve"), []).append(row.number)
+            told.setdefault(replace(fault, file=source, key=path or "the valve", place=()), []).append(row.number)
         else:
             cell = row.cells.get(given)
             shown = None if cell is None else json.dumps(cell, ensure_ascii=False)
             key = f"row {row.number}, column {given.header}"
-            told.setdefault(replace(fault, file=source, key=key, value=shown), [])
-    placed = [_as_cell(replace(fault, key=_in_rows(fault.key, rows_of, len(rows)))) for fault, rows_of in told.items()]
-    return sorted(placed, key=_row_of)
+            in_cell = replace(fault, file=source, key=key, value=shown, place=())
+            told.setdefault(in_cell, [row.number])
+            in_cells.add(in_cell)
+    in_order = sorted(told.items(), key=lambda one: 0 if _is_of_all(one[1], rows) else one[1][0])
+    return [
+        _as_cell(fault if fault in in_cells else replace(fault, key=_in_rows(fault.key, rows_of, rows)))
+        for fault, rows_of in in_order
+    ]
+
+
+def _row_of(fault: Fault, rows: Sequence[_Row], first: int) -> _Row | None:
+    """Return the row of the valve that a fault is about, None where it is about none of them."""
+    match fault.place:
+        case ("valves", int(place), *_) if place >= first:
+            return rows[place - first]
+    return None
+
+
+def _is_of_all(numbers: Sequence[int], rows: Sequence[_Row]) -> bool:
+    """Whether something is not of some rows alone: of none, or of each of several."""
+    return not numbers or len(numbers) == len(rows) > 1
 
 
 def _as_cell(fault: Fault) -> Fault:
@@ -384,17 +399,12 @@ def _for_cell(text: str) -> str:
     return say("write_cell_with_unit", "write it with a unit such as {units}: 6 {unit}", units=units, unit=unit)
 
 
-def _row_of(fault: Fault) -> int:
-    found = re.match(r"rows? (\d+)", fault.key)
-    return 0 if found is None else int(found[1])
-
-
-def _in_rows(key: str, numbers: Sequence[int], rows: int) -> str:
+def _in_rows(key: str, numbers: Sequence[int], rows: Sequence[_Row]) -> str:
     """Return where something is that has no column: the row, or all of them."""
     if not numbers:
         return key
-    if len(numbers) == rows > 1:
-        return f"all {rows} rows, {key}"
+    if _is_of_all(numbers, rows):
+        return f"all {len(rows)} rows, {key}"
     return f"row{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}, {key}"
 
 

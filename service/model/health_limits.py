@@ -46,8 +46,8 @@ class HealthLimits:
             (
                 say(
                     "health_not_positive",
-                    "health.{name} is {value:g}, it must be above 0: correct it",
-                    name=name,
+                    "{key} is {value:g}, it must be above 0: correct it",
+                    key=f"health.{name}",
                     value=value,
                 )
                 for name, value in values.items()

@@ -77,6 +77,19 @@ SAID_ALONE: tuple[str, ...] = (
     "service/http/hosts.py",
     "service/workers",
 )
+#: Whose messages judge what stands in plant.toml and nameplates.
+JUDGE_FILES: tuple[str, ...] = (
+    "drivers/addresses.py",
+    "drivers/observable.py",
+    "drivers/permissive_rules.py",
+    "drivers/representable.py",
+    "drivers/stands_at.py",
+    "drivers/watch_rules.py",
+    "service/config",
+    "service/model/health_limits.py",
+    "simulator/transducer.py",
+    "valve/nameplate.py",
+)
 #: What a call is named by that refuses a request: each of its texts is told to who asked.
 REFUSES = ("Error", "Refusal", "HTTPException")
 #: By these names a call takes what a person is told.
@@ -94,6 +107,7 @@ OF_PYTHON = (
     "PydanticCustomError",
 )
 _THREE_WORDS: Final = re.compile(r"[^\W\d_]{2,}[,;:]? [^\W\d_]{2,}[,;:]? [^\W\d_]{2,}")
+_SI_KEY: Final = re.compile(r"\b[a-z_.]+_(?:pa_per_s|per_s|percent|days|pa|m2|kg|ma|hz|m|s|n)\b")
 _TWO_WORDS: Final = re.compile(r"[^\W\d_]{2,}[,;:]? [^\W\d_]{2,}")
 OWN_ERRORS = tuple(name for name, kind in vars(errors).items() if isinstance(kind, type))
 WORDS = re.compile(r"[a-z]{2,} [a-z]{2,}")
@@ -168,6 +182,18 @@ def test_a_template_has_a_field_for_each_value_and_a_value_for_each_field() -> N
             named |= {name} if name else set()
             named |= {inner for _, inner, _, _ in string.Formatter().parse(spec or "") if inner}
         assert named == values, where
+
+
+def test_a_key_of_the_plant_file_with_a_unit_is_a_value_where_the_file_is_judged() -> None:
+    """Who wrote another key and unit reads those: they are exchanged in the values, the words are not searched."""
+    literal = [
+        f"{where} {key}"
+        for where, _, template, _ in _said()
+        if where.startswith(JUDGE_FILES)
+        for text, *_ in string.Formatter().parse(template)
+        for key in _SI_KEY.findall(text)
+    ]
+    assert literal == []
 
 
 def _fitting(spec: str) -> Value:

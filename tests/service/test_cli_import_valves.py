@@ -116,6 +116,15 @@ def test_all_faults_are_told_by_row_and_column_and_nothing_is_written(plant_file
     assert numbers == sorted(numbers)
 
 
+def test_a_cell_that_only_physics_refuses_is_told_by_its_column(plant_file: Path) -> None:
+    rows = "FV-201,,,4000,100 in2,3 to 15 psi,0 psi,plc-1,11,\nFV-202,,,4,100 in2,3 to 15 psi,90 psi,plc-1,12,\n"
+    path = write(plant_file.parent, HEADER + rows)
+    answer = called("import-valves", path, "--config", str(plant_file), "--like", "FV-101")
+    lines = answer.stdout.splitlines()
+    assert any(line.startswith('valves.csv: row 2, column Travel (in) = "4000": ') for line in lines), lines
+    assert any(line.startswith('valves.csv: row 3, column safe_value = "90 psi": ') for line in lines), lines
+
+
 def test_what_no_column_gives_is_told_once_for_all_rows(plant_file: Path) -> None:
     answer = called("import-valves", write(plant_file.parent, HEADER + ROWS), "--config", str(plant_file))
     lines = answer.stdout.splitlines()

@@ -16,7 +16,7 @@ import pytest
 
 from service.cli.simulate import _serve, simulate
 from service.cli.simulated_plant import plant_from_settings
-from service.cli.truths import told_truth, truth_line
+from service.cli.truths import read_truths, record_truth, write_truth
 from service.config.settings import load_plant
 from simulator.gauge import Gauge
 from simulator.plant import SoftwareValve
@@ -154,20 +154,24 @@ def test_a_packing_preset_makes_the_instruments_alike_and_single_values_replace_
     assert (c.position.noise_rms, c.position.adc_bits) == (1.0e-6, 16)
 
 
-def test_the_truth_of_a_record_is_a_line_that_can_be_read_back() -> None:
+def test_the_truth_of_a_record_is_a_line_of_json_that_can_be_read_back(tmp_path: Path) -> None:
     ended: list[EndedRecord] = []
     software = SoftwareValve(replace(simulated_valve("FV: 1"), packing=PACKINGS["usual"]))
     software.on_record = lambda _tag, record: ended.append(record)
     software.ask(50_000.0)
     software.look(10.0)
-    line = truth_line("FV: 1", ended[0])
-    told = told_truth(line)
-    assert told is not None
+    path = tmp_path / "truths.jsonl"
+    assert read_truths(path) == []
+    told = record_truth("FV: 1", ended[0])
+    with path.open("w", encoding="utf-8") as file:
+        write_truth(file, told)
+        file.write('{"tag": "FV')
+    assert read_truths(path) == [told]
     assert told.tag == "FV: 1"
     assert told.duration_s == pytest.approx(1.0)
-    assert told.parameters == pytest.approx(ended[0].truth.parameters.by_symbol(), rel=1.0e-6)
-    assert told.scatter["F_s"] == pytest.approx(ended[0].truth.static_scatter_n, rel=1.0e-3)
-    assert told_truth("127.0.0.1:502: unit 1 (reference) A") is None
+    assert told.parameters == ended[0].truth.parameters.by_symbol()
+    assert told.scatter["F_s"] == ended[0].truth.static_scatter_n
+    assert told.in_words().startswith("FV: 1: truth of the record from 0.0 to ")
 
 
 async def test_the_command_tells_the_truth_of_each_test_that_ends(
@@ -176,7 +180,8 @@ async def test_the_command_tells_the_truth_of_each_test_that_ends(
     plant = plant_from_settings(
         load_plant(write(tmp_path, valve("A", more=packed('packing = { preset = "hard" }')))), 20.0
     )
-    serving = asyncio.create_task(_serve(plant, None))
+    truths = tmp_path / "truths.jsonl"
+    serving = asyncio.create_task(_serve(plant, None, truths))
     deadline, said = time.monotonic() + 30.0, ""
     while "reference" not in said and time.monotonic() < deadline:
         await asyncio.sleep(0.02)
@@ -188,7 +193,7 @@ async def test_the_command_tells_the_truth_of_each_test_that_ends(
     serving.cancel()
     with pytest.raises(asyncio.CancelledError):
         await serving
-    told = [truth for truth in map(told_truth, said.splitlines()) if truth is not None]
+    told = read_truths(truths)
     assert [truth.tag for truth in told] == ["A"]
     assert told[0].parameters["F_c"] == pytest.approx(1423.4, rel=0.15)
     assert told[0].parameters["F_c"] != 1423.4

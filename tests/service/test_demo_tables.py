@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from rich.console import Console
 
 from service.cli.demo_plant import DEMO_VALVES
 from service.cli.demo_tables import print_legend, print_test
+from service.words.sentences import together
+from valve.messages import say, with_table
 from valve.parameter_sets import PARAMETER_SETS
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -33,12 +36,13 @@ def estimate(method: str, status: str, message: str, **notes: str) -> dict[str, 
     return {"method": method, "status": status, "message": message, "parameters": parameters}
 
 
-def printed(*estimates: dict[str, Any]) -> list[str]:
+def printed(*estimates: dict[str, Any], **more: Any) -> list[str]:
     recording = {"samples": 40001, "sample_period_s": 1.0e-3, "position_noise_m": 4.9e-7}
     analysis = {
         "estimates": list(estimates),
         "recording": recording,
         "discrepancy": {"verdict": "not_assessed", "message": "Nothing was looked for."},
+        **more,
     }
     out = io.StringIO()
     made = {"truth": TRUTH, "test": {"state": "completed", "analysis": analysis}}
@@ -71,9 +75,16 @@ def test_each_reason_stands_once_and_on_one_line() -> None:
     notes = [line for line in lines if line.startswith("  ") and ": " in line]
     assert notes == [
         "  DV: known to ±290 % only, the limit is 30 %: it is tied to F_s",
-        "  method 1 regression, method 2 garcia: The motion of a valve with these…",
+        "  method 1 regression, method 2 garcia: The motion of a valve with these values…",
         "  Diagnosis: not assessed. Nothing was looked for.",
     ]
+
+
+def test_of_a_reason_its_first_message_stands_whatever_its_words_are() -> None:
+    reason = together([say("one", "It stuck at A. Bore 2."), say("another", "Repeat the test.")])
+    one = with_table({"estimates": [estimate("maximum_likelihood", "poor", reason)]})
+    lines = printed(*one["estimates"], messages=json.loads(json.dumps(one["messages"])))
+    assert "  maximum likelihood: It stuck at A. Bore 2." in lines
 
 
 def test_what_all_methods_say_keeps_its_reason() -> None:

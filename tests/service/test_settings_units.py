@@ -15,12 +15,12 @@ from service.config.errors import Findings
 from service.config.nameplates import nameplate_from_toml
 from service.config.nightly import RetentionSection
 from service.config.settings import faults_of, load_plant
-from service.config.units import in_si, own_names
+from service.config.units import Written, in_own_words, in_si, own_names
 from service.config.valves import ValveParts, valve_parts
 from service.model.health_limits import HealthLimits
 from service.words.sentences import lines_of
 from valve.errors import ConfigurationError
-from valve.messages import Message, message_of
+from valve.messages import Message, message_of, say
 from valve.nameplate import Action, Actuator, Signal
 from valve.units import PASCAL_PER_PSI
 
@@ -141,6 +141,15 @@ def test_a_reason_by_the_owners_key_keeps_its_code_and_its_values() -> None:
     assert said.code == "larger_than_any"
     assert said.values["key"] == 'actuator.travel ("4000 in")'
     assert said.values["value"] == pytest.approx(101.6)
+
+
+def test_the_words_of_a_message_are_not_searched_for_keys() -> None:
+    written = [(("actuator", "travel_m"), Written("travel", "4 in"))]
+    said = say("some", "{key} in travel_m: {why}", key="actuator.travel_m", why="travel_m is wrong")
+    told = in_own_words(said, written)
+    assert isinstance(told, Message)
+    assert told.template == said.template
+    assert told.values == {"key": 'actuator.travel ("4 in")', "why": "travel_m is wrong"}
 
 
 def test_a_value_that_stands_twice_is_refused_with_both_keys() -> None:
