@@ -3,8 +3,9 @@ FROM python:3.13-slim AS build
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 WORKDIR /src
 RUN python3 -m venv /opt/breakaway
-COPY requirements.lock ./
-RUN /opt/breakaway/bin/python -m pip install --require-hashes --requirement requirements.lock
+COPY requirements.lock requirements-mqtt.lock ./
+RUN /opt/breakaway/bin/python -m pip install --require-hashes --requirement requirements.lock \
+    --requirement requirements-mqtt.lock
 COPY pyproject.toml README.md LICENSE ./
 COPY valve valve
 COPY discrepancy discrepancy

@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick long check kernels collected bench faults blind clean lock fuzz compose-check
+.PHONY: help demo mqtt test quick long check kernels collected bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -19,6 +19,10 @@ $(VENV)/.runtime: requirements.lock pyproject.toml
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
+$(VENV)/.mqtt: $(VENV)/.runtime requirements-mqtt.lock
+	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements-mqtt.lock
+	@touch $@
+
 $(VENV)/.dev: $(VENV)/.runtime requirements-dev.lock
 	@echo "Installing the locked tools for the checks into $(VENV) (once)" >&2
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements-dev.lock
@@ -26,6 +30,8 @@ $(VENV)/.dev: $(VENV)/.runtime requirements-dev.lock
 
 demo: $(VENV)/.runtime  ## six simulated valves tested over Modbus, then the service stays up
 	@$(BIN)/breakaway demo $(ARGS)
+
+mqtt: $(VENV)/.mqtt  ## what [mqtt] in a plant file needs
 
 check: $(VENV)/.dev  ## style, types and import contracts
 	$(BIN)/ruff check .
@@ -75,9 +81,12 @@ compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through i
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
 	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \
 	  --custom-compile-command "make lock" pyproject.toml --group build --output-file requirements.lock
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["mqtt"])' | \
+	  uv pip compile --universal --generate-hashes --python-version 3.11 --quiet --custom-compile-command "make lock" \
+	  --constraint requirements.lock --output-file requirements-mqtt.lock -
 	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \
-	  --custom-compile-command "make lock" pyproject.toml --group build --group dev \
-	  --constraint requirements.lock --output-file requirements-dev.lock
+	  --custom-compile-command "make lock" pyproject.toml --extra mqtt --group build --group dev \
+	  --constraint requirements.lock --constraint requirements-mqtt.lock --output-file requirements-dev.lock
 
 clean:  ## remove what the build and the tests made
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis build dist demo-plant

@@ -33,7 +33,8 @@ from service.http.head_requests import HeadRequests
 from service.http.hosts import Hosts
 from service.http.read_turns import ReadTurns
 from service.meters import Meters
-from service.mqtt.publisher import MqttPublisher, mqtt_of
+from service.mqtt.broker import broker_told
+from service.mqtt.metrics import BrokerCollector
 from service.recordings.conversion import Converter
 from service.reload import Reloader
 from service.routes.access import router as access_routes
@@ -175,12 +176,12 @@ def create_app(
             renewal = Renewal(plant, opened, runs)
             watched = WatchedDays(plant, opened, stale, pool, software)
             async with (
-                mqtt_of(plant, opened, stale) as broker,
+                broker_told(plant, opened, stale) as broker,
                 running_schedules(nightly, reanalyses, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
                 if broker is not None:
-                    give(app, {MqttPublisher: broker})
+                    give(app, {BrokerCollector: broker})
                 renewal.start()
                 watch.start()
                 watched.start()

@@ -32,6 +32,11 @@ def check(
     plant, faults = faults_of(config)
     if any(fault.key for fault in faults) or plant is not None:  # it is TOML
         faults += _simulation_faults(config)
+    if plant is not None and plant.mqtt is not None:
+        from service.mqtt.broker import client_fault
+
+        fault = client_fault(plant)
+        faults += () if fault is None else (fault,)
     document: dict[str, Any] = {
         "file": str(config),
         "right": not faults,

@@ -8,8 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from typing import Final
 
@@ -189,20 +187,3 @@ class MqttPublisher:
 async def _listen(client: aiomqtt.Client) -> None:
     async for _ in client.messages:
         pass
-
-
-@asynccontextmanager
-async def mqtt_of(plant: Plant, store: Store, staleness: Staleness) -> AsyncIterator[MqttPublisher | None]:
-    """Publish as long as the context lasts; None for a plant without ``[mqtt]``."""
-    if plant.mqtt is None:
-        yield None
-        return
-    publisher = MqttPublisher(plant, plant.mqtt, store, staleness)
-    store.runs.listen(publisher.note)
-    task = asyncio.create_task(publisher.run())
-    try:
-        yield publisher
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task

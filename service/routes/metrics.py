@@ -28,7 +28,6 @@ from service.model.health_figures import MAIN_FIGURES
 from service.model.plant_alarm import AlarmKind
 from service.model.run import RunState
 from service.mqtt.metrics import BrokerCollector
-from service.mqtt.publisher import MqttPublisher
 from service.runs.motion_watch import MotionWatch
 from service.runs.service import Runs
 from service.store.conditions import valve_standings
@@ -197,8 +196,8 @@ async def _of_plant(
     return PlantCollector(request.app.version, plant, store, runs, staleness, audit, watch)
 
 
-async def _broker(request: Request) -> MqttPublisher | None:
-    return part_if_given(request.app, MqttPublisher)
+async def _broker(request: Request) -> BrokerCollector | None:
+    return part_if_given(request.app, BrokerCollector)
 
 
 @router.get(
@@ -209,7 +208,7 @@ async def _broker(request: Request) -> MqttPublisher | None:
 )
 async def metrics(
     of_plant: Annotated[PlantCollector, Depends(_of_plant)],
-    broker: Annotated[MqttPublisher | None, Depends(_broker)],
+    broker: Annotated[BrokerCollector | None, Depends(_broker)],
     plant: Given[Plant],
     motion: Given[MotionLink],
     meters: Given[Meters],
@@ -224,6 +223,6 @@ async def metrics(
         with contextlib.suppress(MotionLostError):
             registry.register(WatchCollector(await motion.watched()))
     if broker is not None:
-        registry.register(BrokerCollector(broker))
+        registry.register(broker)
     counted = await asyncio.to_thread(generate_latest, registry)
     return Response(counted + meters.text(), media_type=CONTENT_TYPE_LATEST)

@@ -23,6 +23,7 @@ from service.app import create_app
 from service.config.settings import Plant, ServiceSettings
 from service.http.given import part_if_given
 from service.http.http_protocol import BoundedHttp, provide_files
+from service.mqtt.broker import require_client
 from service.reload import Reloader
 from service.runs.service import Runs
 from service.server.certificates import Certificates
@@ -146,6 +147,7 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
+    require_client(plant)
     BoundedHttp.most_connections = provide_files()
     with _listen(plant.service) as listener:
         store = open_store(plant.service)
