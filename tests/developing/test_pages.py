@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
@@ -157,3 +158,10 @@ def _keys(section: Any) -> set[str]:
 def test_every_key_of_a_section_is_explained(section: Any, page: str) -> None:
     words = set(re.findall(r"\w+", _text(_ROOT / "docs" / page)))
     assert _keys(section) - words == set()
+
+
+def test_the_changelog_begins_with_the_version_of_this_tree() -> None:
+    project = tomllib.loads((_ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    newest = re.search(r"^## (\S+)", (_ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    assert newest is not None
+    assert newest[1] == project["version"]
