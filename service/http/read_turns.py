@@ -1,4 +1,4 @@
-"""Reads take turns, so that a crowd of them does not keep the event loop from sampling."""
+"""Reads take turns, so that a crowd of them does not keep a Stop waiting: all requests share one event loop."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Final
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-# By the benchmark load: with sixteen a sample begins up to 35 ms late (99th percentile), with four up to 14.
+# Fifty clients that read at once, two busy cores: with four a Stop is answered in 0.14 s (median) and nine of ten in
+# 0.3 s, with sixteen in 0.37 s and 0.7 s, without turns in 0.26 s and 0.6 s to 0.9 s. Reads are no slower by them.
 AT_ONCE: Final = 4
 _LONGEST_TURN_S: Final = 0.1  # who waits for something slow (a report, a file) waits without the turn
 _READS: Final = frozenset({"GET", "HEAD"})
 
 
 class ReadTurns:
-    """ASGI middleware: a few reads are made at once, the others wait in order; what moves or stops never waits.
+    """ASGI middleware: a few reads are made at once, the others wait in order; what begins or stops a test never waits.
 
     A read holds its turn until its answer begins, and no longer than a tenth of a second: streams of events and slow
     answers keep nobody waiting.
