@@ -189,7 +189,7 @@ import asyncio
 import sys
 from pathlib import Path
 from service.workers.analysis_process import AnalysisProcess
-from tests.service.test_analysis_pool import PLATE
+from tests.service.test_analysis_process import PLATE
 async def main():
     async with AnalysisProcess() as process:
         print(process.worker_pid, file=sys.stderr, flush=True)
