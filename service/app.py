@@ -22,7 +22,7 @@ from service.access.authentication import Authentication
 from service.access.needs import OPEN_TO_ALL, rights
 from service.access.stop_grants import stoppers_known
 from service.audit.service_life import note_end, note_start
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.drawer import Drawer
 from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness

@@ -10,7 +10,7 @@ from typing import Final
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 
 from drivers.outcome import SampleBlock
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.acknowledgement import ENDED_KEY
 from service.model.run import Run, RunState
 from service.runs.again import REPEATED

@@ -16,7 +16,8 @@ from pydantic import BaseModel, Field
 
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError
-from service.config.settings import Plant, PlantValve, faults_of
+from service.config.plant import Plant, PlantValve
+from service.config.settings import faults_of
 from service.runs.service import Runs
 from valve.errors import ConfigurationError, RequestError, ValveError
 from valve.messages import Message, joined, say

@@ -19,7 +19,7 @@ from service.access.stop_grants import StopGrants
 from service.access.throttle import Throttle
 from service.access.tokens import Token, Tokens
 from service.access.users import User, Users
-from service.config.access import AccessSettings
+from service.config.plant import AccessSettings
 from service.model.refusals import NotSignedInError
 from service.model.requester import RequesterKind
 from valve.messages import say

@@ -7,7 +7,7 @@ from typing import Any
 
 from service.access.needs import require_covers
 from service.access.principal import Principal, Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.refusals import ForbiddenError
 from service.model.sequences import choose_waveform
 from valve.messages import say

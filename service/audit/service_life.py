@@ -7,7 +7,7 @@ import hashlib
 import structlog
 
 from drivers.motion.audit_log import AuditError, AuditLog
-from service.config.settings import Plant
+from service.config.plant import Plant
 
 _LOG = structlog.get_logger(__name__)
 

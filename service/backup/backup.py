@@ -39,7 +39,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from drivers.motion.audit_log import SUFFIX, AuditLog
 from drivers.motion.synced import sync_folder
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.store.database import connected, newest_revision, open_database
 from service.store.schema import TABLES
 from valve.errors import ConfigurationError, NotFoundError, RequestError

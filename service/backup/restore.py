@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.synced import sync_folder
 from service.backup.backup import DATABASE, Manifest, copy_rows, unpack, verified
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import RunState
 from service.runs.again import is_to_be_taken_up
 from service.runs.recovery import mark_interrupted

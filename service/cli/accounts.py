@@ -16,7 +16,8 @@ import typer
 
 from drivers.motion.audit_log import AuditLog
 from service.access.access import Access, access_of
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.store.database import open_database
 from valve.errors import ConfigurationError, RequestError
 from valve.messages import say

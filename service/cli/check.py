@@ -15,8 +15,8 @@ from valve.messages import Message, joined, say
 if TYPE_CHECKING:
     from drivers.inspection import ValveSeen
     from service.config.errors import Fault
+    from service.config.plant import Plant
     from service.config.plant_check import CheckedValve
-    from service.config.settings import Plant
 
 
 def check(

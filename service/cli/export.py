@@ -16,7 +16,7 @@ from valve.errors import NotFoundError, RecordingError, RequestError, ValveError
 from valve.messages import message_of, say
 
 if TYPE_CHECKING:
-    from service.config.settings import Plant
+    from service.config.plant import Plant
     from service.store.run_table import RunTable
 
 

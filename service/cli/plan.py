@@ -17,7 +17,7 @@ from valve.errors import NotFoundError, RequestError
 from valve.messages import say
 
 if TYPE_CHECKING:
-    from service.config.settings import Plant
+    from service.config.plant import Plant
 
 ALL: Final = "all"
 _TIMEOUT_S: Final = 3.0  # a plan does without the service

@@ -16,7 +16,7 @@ from valve.errors import RequestError, WireError
 from valve.messages import message_of, say
 
 if TYPE_CHECKING:
-    from service.config.settings import Plant
+    from service.config.plant import Plant
     from service.schedules.plan import PlannedCheck
 
 

@@ -29,7 +29,7 @@ from service.cli.simulated_instruments import (
     pressure_from,
 )
 from service.config.errors import Fault, Findings, Key, read_toml
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, warm_up_for
 from simulator.clock import RunningClock
 from simulator.gauge import GaugeListener

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import socket
 import ssl
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
+from service.config.plant import AccessSettings
 from service.config.secret_file import secret_fault
 from service.model.sequences import SEQUENCES
 from valve.messages import say
@@ -37,29 +37,6 @@ class AccessSection(BaseModel):
     proxy_addresses: list[str] = Field(default=["127.0.0.1"], min_length=1)
     approved_sequences: list[str] | None = Field(default=None, min_length=1)
     allowed_hosts: list[str] | None = Field(default=None, min_length=1)
-
-
-@dataclass(frozen=True, slots=True)
-class AccessSettings:
-    """``sign_in`` False: every caller is ``local`` and may do all but administer.
-
-    ``approved_sequences`` are those that operators and schedules may run, None where all of them are;
-    ``allowed_hosts`` are the names that the service answers to beside the loopback's.
-    """
-
-    sign_in: bool = False
-    loopback: bool = True
-    tls_certificate: Path | None = None
-    tls_key: Path | None = None
-    behind_proxy: bool = False
-    proxy_addresses: tuple[str, ...] = ()
-    approved_sequences: frozenset[str] | None = None
-    allowed_hosts: tuple[str, ...] = ()
-
-    @property
-    def encrypted(self) -> bool:
-        """Whether browsers see https, so that a cookie may be for https alone."""
-        return self.tls_certificate is not None or self.behind_proxy
 
 
 def access_settings(

@@ -2,47 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from service.config.secret_file import read_secret
+from service.config.plant import PASSWORD_VARIABLE, DatabaseAddress
 from valve.messages import say
 
 if TYPE_CHECKING:
-    from sqlalchemy import URL
-
     from service.config.errors import Findings
 
-PASSWORD_VARIABLE: Final = "BREAKAWAY_DATABASE_PASSWORD"
 DRIVER: Final = "postgresql+psycopg"
 _EXAMPLE: Final = f"{DRIVER}://breakaway@127.0.0.1/breakaway"
-
-
-@dataclass(frozen=True, slots=True)
-class DatabaseAddress:
-    """A PostgreSQL database, without its password, and the file that holds it, if any."""
-
-    url: str
-    password_file: Path | None = None
-
-    def with_password(self, environment: Mapping[str, str] = os.environ) -> URL:
-        """Return the address with its password: of the file, else of the environment, else without one.
-
-        Raises ConfigurationError where the file cannot be read or others may read it; no message holds the password.
-        """
-        from sqlalchemy import make_url
-
-        url = make_url(self.url)
-        if "client_encoding" not in url.query:  # a server whose own is SQL_ASCII would answer in bytes
-            url = url.update_query_dict({"client_encoding": "utf8"})
-        if self.password_file is None:
-            password = environment.get(PASSWORD_VARIABLE)
-        else:
-            password = read_secret(self.password_file, "service.database_password_file")
-        return url.set(password=password) if password else url
 
 
 def database_address(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import ipaddress
 import ssl
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
-from service.config.secret_file import read_secret, secret_fault
+from service.config.plant import MqttSettings
+from service.config.secret_file import secret_fault
 from valve.messages import say
 
 _PLAIN_PORT: Final = 1883  # both as registered with IANA
@@ -32,27 +32,6 @@ class MqttSection(BaseModel):
     prefix: Annotated[str, Field(pattern=r"^[^+#/$\x00][^+#\x00]*[^+#/\x00]$|^[^+#/$\x00]$", max_length=100)] = (
         "breakaway"
     )
-
-
-@dataclass(frozen=True, slots=True)
-class MqttSettings:
-    """A broker and how to sign in to it; the password is read from its file when it is needed."""
-
-    host: str
-    port: int
-    prefix: str
-    username: str | None = None
-    password_file: Path | None = None
-    tls: bool = False
-    ca_file: Path | None = None
-
-    def password(self) -> str | None:
-        """Return the password. Raises ConfigurationError; no message holds it."""
-        return None if self.password_file is None else read_secret(self.password_file, "mqtt.password_file")
-
-    def tls_context(self) -> ssl.SSLContext | None:
-        """Return how the broker is proven: by ``ca_file``, else by the certificates that this machine trusts."""
-        return ssl.create_default_context(cafile=self.ca_file) if self.tls else None
 
 
 def mqtt_settings(findings: Findings, raw: Mapping[str, Any] | None, folder: Path) -> MqttSettings | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 from zoneinfo import ZoneInfo
@@ -60,15 +59,6 @@ class RetentionSection(BaseModel):
     recordings_days: Annotated[int, Field(ge=1, le=36500)]
     keep_baselines: bool = True
     keep_last: Annotated[int, Field(ge=1, le=100000)] = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Retention:
-    """How long recordings are kept; results stay for ever."""
-
-    recordings_days: int
-    keep_baselines: bool
-    keep_last: int
 
 
 def groups_by_name(

@@ -13,7 +13,7 @@ from drivers.inspection import Inspector, ReadOnlyTransport, ValveSeen
 from drivers.motion.bus_lock import BusLocks
 from drivers.serial_gauge import SerialGauge
 from drivers.wiring import Bus
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.model.sequences import build_waveform, default_of
 from valve.errors import ValveError
 from valve.messages import message_of

@@ -1,10 +1,9 @@
-"""plant.toml: read, validated into the dataclasses that the rest uses, and checked as a whole."""
+"""plant.toml: read, checked as a whole, and made into the ``Plant`` that the rest uses."""
 
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 from zoneinfo import ZoneInfo
@@ -12,17 +11,14 @@ from zoneinfo import ZoneInfo
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
-from drivers.motion.local_socket import NAME
-from drivers.register_map import RegisterMap
-from service.config.access import AccessSection, AccessSettings, access_settings
+from service.config.access import AccessSection, access_settings
 from service.config.checks import check_schedules, check_wiring
-from service.config.database import DatabaseAddress, database_address
+from service.config.database import database_address
 from service.config.errors import Fault, Findings, read_toml
 from service.config.health import health_limits
 from service.config.maps import own_maps, without_wrong
-from service.config.mqtt import MqttSettings, mqtt_settings
+from service.config.mqtt import mqtt_settings
 from service.config.nightly import (
-    Retention,
     RetentionSection,
     gateway_of_bus,
     gateways,
@@ -31,10 +27,9 @@ from service.config.nightly import (
     schedules,
     zone_named,
 )
-from service.config.valves import Identity, ValveParts, valve_parts
+from service.config.plant import Plant, PlantValve, Retention, ServiceSettings, zone_of
+from service.config.valves import ValveParts, valve_parts
 from service.config.watching import by_clock_of, check_watching
-from service.model.health_limits import HealthLimits
-from service.model.schedule import Schedule
 from valve.errors import ConfigurationError
 from valve.messages import message_of, say
 from valve.nameplate import Nameplate
@@ -77,101 +72,6 @@ class PlantSection(BaseModel):
     mqtt: dict[str, Any] | None = None
     maps: list[dict[str, Any]] = []
     classes: dict[str, dict[str, Any]] = {}
-
-
-@dataclass(frozen=True, slots=True)
-class ServiceSettings:
-    """The service's own settings. ``bind`` is an address; port 0 means any free one.
-
-    ``gateway`` is this service's name among several, "" where it is the only one; ``zone`` is None where none is named;
-    ``plant`` is what reports call the plant.
-    """
-
-    store: Path
-    bind: str
-    port: int
-    database: DatabaseAddress | None = None
-    gateway: str = ""
-    retention: Retention | None = None
-    access: AccessSettings = field(default_factory=AccessSettings)
-    zone: ZoneInfo | None = None
-    plant: str = ""
-
-    @property
-    def motion_socket(self) -> Path:
-        """Where the process that moves valves answers, on this machine alone."""
-        return self.store / NAME
-
-
-@dataclass(frozen=True, slots=True)
-class PlantValve:
-    """One valve: what it is, how it is wired, what is asked of it and what people know it by.
-
-    ``limits_class`` is the class that its limits come from, "" without one.
-    """
-
-    nameplate: Nameplate
-    wiring: ValveWiring
-    health: HealthLimits = field(default_factory=HealthLimits)
-    identity: Identity = field(default_factory=Identity)
-    limits_class: str = ""
-
-    @property
-    def buses(self) -> frozenset[str]:
-        """Names of the buses that a test of this valve needs."""
-        return self.wiring.buses
-
-
-@dataclass(slots=True)
-class Plant:
-    """Everything that plant.toml says. A reload alone changes it, on the event loop (``service.reload``)."""
-
-    file: Path
-    service: ServiceSettings
-    buses: dict[str, BusAddress]
-    valves: Mapping[str, PlantValve]
-    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    schedules: tuple[Schedule, ...] = ()
-    gateways: Mapping[str, str] = field(default_factory=dict)
-    bus_gateways: Mapping[str, str] = field(default_factory=dict)
-    mqtt: MqttSettings | None = None
-    maps: Mapping[str, RegisterMap] = field(default_factory=dict)
-
-    @property
-    def zone(self) -> ZoneInfo | None:
-        """The plant's time zone: ``service.zone``, else the one of all schedules; None for this machine's own."""
-        return _zone_of(self.service, self.schedules)
-
-    def take_over(self, fresh: Plant, kept: Mapping[str, PlantValve]) -> None:
-        """Become what a fresh file says of valves, groups, schedules, zone and approved sequences.
-
-        ``kept`` valves stay as they are. Buses are added, and none is changed: the caller sees to that.
-        """
-        self.buses.update({name: address for name, address in fresh.buses.items() if name not in self.buses})
-        self.bus_gateways = {**self.bus_gateways, **fresh.bus_gateways}
-        self.valves = {**fresh.valves, **kept}
-        self.groups = fresh.groups
-        self.schedules = fresh.schedules if self.schedules else ()
-        approved = fresh.service.access.approved_sequences
-        access = replace(self.service.access, approved_sequences=approved)
-        self.service = replace(self.service, zone=fresh.service.zone, access=access)
-
-    def set_valve(self, tag: str, valve: PlantValve | None) -> None:
-        """Give one valve another configuration, or take it out of the plant."""
-        valves = dict(self.valves)
-        if valve is None:
-            valves.pop(tag, None)
-        else:
-            valves[tag] = valve
-        self.valves = valves
-
-    def gateway_of(self, tag: str) -> str:
-        """Return the name of the gateway that drives a valve; "" in a plant of one gateway."""
-        return self.bus_gateways.get(self.valves[tag].wiring.command.bus, "")
-
-    def is_ours(self, tag: str) -> bool:
-        """Whether this service drives the valve."""
-        return self.gateway_of(tag) == self.service.gateway
 
 
 def load_plant(path: Path) -> Plant:
@@ -226,7 +126,7 @@ def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findi
     check_watching(findings, [(valve.key, valve.wiring) for valve in valves], wired, buses)
     if findings or service is None:
         return None, findings
-    zone = _zone_of(service, checks.values())
+    zone = zone_of(service, checks.values())
     return Plant(
         path,
         service,
@@ -248,12 +148,6 @@ def _whole(valve: ValveParts, zone: ZoneInfo | None) -> tuple[Nameplate, ValveWi
     assert valve.nameplate is not None  # where nothing was found, nothing is missing
     assert valve.wiring is not None
     return valve.nameplate, by_clock_of(valve.wiring, zone)
-
-
-def _zone_of(service: ServiceSettings, schedules: Iterable[Schedule]) -> ZoneInfo | None:
-    """Return ``service.zone``, else the zone of all schedules; None for this machine's own."""
-    of_schedules = {schedule.zone.key: schedule.zone for schedule in schedules}
-    return service.zone or (next(iter(of_schedules.values())) if len(of_schedules) == 1 else None)
 
 
 def _tables(raw: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
@@ -331,6 +225,3 @@ def _buses(
         if isinstance(name, str):
             owners.setdefault(name, gateway)
     return buses, owners
-
-
-__all__ = ["ConfigurationError", "Plant", "PlantValve", "ServiceSettings", "faults_of", "load_plant"]

@@ -23,9 +23,10 @@ import tomlkit
 from drivers.addresses import MotionLimits, Point, Sampling, WatchdogChoice
 from drivers.permissive_rules import PermissiveRules
 from service.config.errors import Fault
+from service.config.plant import Identity
 from service.config.settings import faults_of
 from service.config.units import as_value, hints_of, in_si, own_names, types_in
-from service.config.valves import Identity, ValveSection
+from service.config.valves import ValveSection
 from service.model.health_limits import HealthLimits
 from service.words.spelling import nearest
 from valve.errors import ConfigurationError

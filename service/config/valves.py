@@ -18,6 +18,7 @@ from service.config.errors import TEXT, Findings, Key
 from service.config.maps import without_wrong
 from service.config.nameplates import nameplate_from_mapping
 from service.config.permissives import stem_rules_of
+from service.config.plant import Identity
 from service.config.safe_value import SafeValue, rest_rules
 from service.config.watching import watch_rules
 from valve.errors import ConfigurationError, ValveError
@@ -34,18 +35,6 @@ def _one_line(value: str) -> str:
 
 
 _Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What people know a valve by beside its tag; None where the plant file does not say it."""
-
-    description: str | None = None
-    area: str | None = None
-    service: str | None = None
-    manufacturer: str | None = None
-    model: str | None = None
-    serial_number: str | None = None
 
 
 class ValveSection(BaseModel):

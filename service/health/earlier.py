@@ -8,7 +8,7 @@ from datetime import datetime
 
 from sqlalchemy import Engine
 
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.health.staleness import Staleness
 from service.store.conditions import results_before
 

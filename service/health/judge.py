@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.health.results import Ne107
 from service.model.schedule import nth_last_due
 from service.model.watched_day import ChangedInService

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from estimators.data_faults.changed_unit import LIKE_RATIO, UNIT_RATIOS
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits

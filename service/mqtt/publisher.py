@@ -15,8 +15,7 @@ import aiomqtt
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.config.mqtt import MqttSettings
-from service.config.settings import Plant
+from service.config.plant import MqttSettings, Plant
 from service.health.staleness import Staleness
 from service.model.run import Run
 from service.mqtt.messages import messages_of, topic_part

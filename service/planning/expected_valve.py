@@ -10,7 +10,7 @@ from typing import Any, Final
 from drivers.addresses import Mode, ValveWiring
 from drivers.maps import register_map
 from estimators.planned_scatter import PackingScatter
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from valve.errors import RequestError
 from valve.messages import say
 from valve.nameplate import Action

@@ -14,7 +14,7 @@ from estimators.identifiability.bound import Knowledge
 from estimators.motion.channels import ONE_INSTANT
 from estimators.planned_scatter import packing_half_widths
 from estimators.planned_test import HALF_A_PERIOD, PlannedTest, planned_knowledge
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.model.sequences import build_waveform, default_of
 from service.planning.expected_valve import ExpectedValve
 from valve.errors import InternalError, WaveformError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import Run
 from service.store.store import Store
 from valve.errors import ElsewhereError, NotFoundError

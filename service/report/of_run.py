@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from datetime import tzinfo
 from typing import Any, Final
 
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words

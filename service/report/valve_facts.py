@@ -7,8 +7,7 @@ from typing import Final
 
 from drivers.addresses import MotionLimits, ValveWiring
 from drivers.stands_at import RestRules
-from service.config.settings import PlantValve
-from service.config.valves import Identity
+from service.config.plant import Identity, PlantValve
 from service.figures.signature import Frame
 from service.health.changes import allowed
 from service.health.judge import facts_of

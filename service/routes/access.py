@@ -17,7 +17,7 @@ from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
 from service.access.users import User
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.refusals import ForbiddenError

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.acknowledgement import alarm_of

@@ -14,7 +14,7 @@ from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from pydantic import AfterValidator
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.routes.recording_formats import CSV, qualities
 from service.words.spelling import nearest, unknown_key
 from valve.messages import say

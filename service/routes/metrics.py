@@ -19,7 +19,7 @@ from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.health.staleness import Staleness
 from service.http.given import Given, part_if_given
 from service.http.problems import PROBLEMS

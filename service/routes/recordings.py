@@ -20,7 +20,7 @@ from starlette.exceptions import HTTPException
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.errors import PageReader
 from service.http.given import Given
 from service.http.problems import PROBLEMS

@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.drawer import Drawer
 from service.http.given import Given
 from service.http.problems import PROBLEMS

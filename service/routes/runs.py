@@ -15,7 +15,7 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from service.access.motion import require_may_run
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.health.results import Ne107
 from service.http.given import Given
 from service.http.problems import PROBLEMS

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Request
 from drivers.motion.audit_log import AuditLog
 from service.access.needs import Asks, needs
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv

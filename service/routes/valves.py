@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.health.results import Ne107
 from service.health.staleness import Staleness
 from service.http.given import Given

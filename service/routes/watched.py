@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from drivers.motion.orders import MotionLink, MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.health.watched import notes_of, present_nameplate
 from service.http.given import Given
 from service.http.problems import PROBLEMS

@@ -13,7 +13,7 @@ import structlog
 from drivers.motion.orders import MotionLink, MotionLostError
 from drivers.motion.plant_read import valve_read
 from drivers.permissive import require_met
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.model.acknowledgement import last_end
 from service.model.run import Run
 from service.runs.bus_owners import BusOwners, Claim

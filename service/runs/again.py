@@ -14,7 +14,7 @@ from typing import Any, Final
 import structlog
 
 from drivers.outcome import Ended
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.model.acknowledgement import ENDED_KEY
 from service.model.requester import person_of
 from service.model.run import Run, RunState

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.health.judge import health_of
 from service.model.run import Run
 from service.runs.room import room_to_json

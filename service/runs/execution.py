@@ -17,7 +17,7 @@ from drivers.addresses import Mode
 from drivers.motion.orders import Armed, Heard, MotionEnd, MotionLink, MotionLostError, Order
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.model.acknowledgement import ENDED_KEY
 from service.model.family_rule import OUT_OF_FAMILY_KEY
 from service.model.run import RunState

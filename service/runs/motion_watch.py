@@ -11,7 +11,7 @@ import structlog
 
 from drivers.motion.orders import MotionLink, MotionLostError
 from drivers.motion.plant_read import PlantRead, plant_read
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.plant_alarm import AlarmKind, PlantAlarm, no_motion_process, other_plant_file
 from service.runs.tasks import Background
 from valve.errors import ValveError

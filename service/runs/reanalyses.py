@@ -19,7 +19,7 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from drivers.motion.audit_log import AuditLog
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.reanalysis import (
     Found,
     Reanalysis,

@@ -21,7 +21,7 @@ from drivers.motion.journal import read_header, read_journal, recording_from_jou
 from drivers.motion.orders import MotionLink
 from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import unseen
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import Run, RunState, checked_run_id
 from service.model.stands_words import NOT_CONFIRMED
 from service.runs.admission import Admission

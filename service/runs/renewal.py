@@ -12,7 +12,7 @@ from typing import Final
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.requester import Requester, RequesterKind
 from service.runs.again import can_be_analysed
 from service.runs.analyst import ENGINE

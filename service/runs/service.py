@@ -19,7 +19,7 @@ from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError, Order
 from drivers.motion.plant_read import valve_read
 from drivers.waveform_check import check_waveform
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id

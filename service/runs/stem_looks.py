@@ -14,7 +14,7 @@ import structlog
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError
 from drivers.stands_at import StandsAt, stands_at
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.model.run import Run
 from service.model.stands_words import stands_sentence
 from service.runs.admission import Admission

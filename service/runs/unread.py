@@ -6,7 +6,7 @@ import asyncio
 from typing import Final
 
 from drivers.motion.orders import MotionLink, Unread
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from valve.errors import ValveError
 
 _ANSWER_S: Final = 1.0  # a page waits no longer for a motion process that hangs

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING, Final
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.runs.reanalyses import Reanalyses
 from service.runs.service import Runs
 from service.schedules.housekeeping import Housekeeping

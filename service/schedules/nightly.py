@@ -19,7 +19,7 @@ from typing import Any, Final, Protocol
 import structlog
 
 from drivers.motion.orders import MotionLostError
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.check import Check, CheckState
 from service.model.family_rule import event_of_early
 from service.model.requester import Requester, RequesterKind

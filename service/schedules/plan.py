@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.schedule import occurrences_between
 from service.model.sequences import build_waveform
 

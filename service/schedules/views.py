@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from pydantic import BaseModel, Field
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.check import Check, CheckState
 from service.model.schedule import Schedule, next_occurrence
 from service.schedules.plan import PlannedCheck, plan_night

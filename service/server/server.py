@@ -20,7 +20,7 @@ from drivers.motion.audit_log import AuditLog
 from drivers.motion.client import MotionClient
 from drivers.motion.service_manager import ServiceManager
 from service.app import create_app
-from service.config.settings import Plant, ServiceSettings
+from service.config.plant import Plant, ServiceSettings
 from service.http.given import part_if_given
 from service.http.http_protocol import BoundedHttp, provide_files
 from service.mqtt.broker import require_client

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.figures.trend import Ahead, Trend, TrendPoint
 from service.health.changes import allowed
 from service.health.judge import facts_of

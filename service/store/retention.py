@@ -8,7 +8,7 @@ from typing import Any, Final
 import structlog
 from sqlalchemy import func, insert, select, update
 
-from service.config.nightly import Retention
+from service.config.plant import Retention
 from service.model.acknowledgement import ended_badly
 from service.store.schema_health import BASELINES
 from service.store.schema_nightly import REMOVED_RECORDINGS

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from sqlalchemy import URL, Engine
 
-from service.config.settings import ServiceSettings
+from service.config.plant import ServiceSettings
 from service.model.run import checked_run_id
 from service.store.database import open_database
 from service.store.figure_table import FigureTable

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.drawer import Drawer
 from service.figures.friction import friction_svg
 from service.figures.methods import all_estimates, methods_svg

@@ -12,7 +12,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, Field
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.check import CheckState
 from service.model.past_test import PastTest
 from service.model.schedule import next_occurrence

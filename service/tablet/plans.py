@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from drivers.waveform_check import check_waveform
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.model.run import Run
 from service.model.sequences import SEQUENCES, build_waveform, default_of
 from service.model.until import SEPARATING

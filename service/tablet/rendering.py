@@ -16,7 +16,7 @@ from fastapi import Depends, Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, pass_context
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.given import Given
 from service.model.requester import person_of
 from service.model.stands_words import NOT_CONFIRMED

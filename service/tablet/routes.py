@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Query, Response
 
 from drivers.addresses import Mode
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.earlier import EarlierResults

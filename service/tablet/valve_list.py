@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, Field
 
-from service.config.settings import PlantValve
+from service.config.plant import PlantValve
 from service.tablet.since import Change
 from service.tablet.valve_rows import Stand
 from valve.messages import say

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from drivers.addresses import Mode
 from drivers.motion.orders import MotionLink
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.signature import has_signature
 from service.health.staleness import Staleness
 from service.health.watched import notes_of, present_nameplate

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends
 
-from service.config.settings import Plant, PlantValve
+from service.config.plant import Plant, PlantValve
 from service.health.staleness import Staleness
 from service.http.given import Given
 from service.model.run import Run

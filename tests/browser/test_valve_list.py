@@ -11,8 +11,8 @@ from zoneinfo import ZoneInfo
 import pytest
 from sqlalchemy import event
 
+from service.config.plant import Identity
 from service.config.settings import load_plant
-from service.config.valves import Identity
 from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.model.check import Check, CheckState

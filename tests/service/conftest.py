@@ -6,7 +6,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from tests.support.databases import migrate_by_copy, postgresql_database
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.plants import bus_text, service_text, valve_text

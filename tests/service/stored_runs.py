@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.outcome import SampleBlock
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
 from service.store.store import Store

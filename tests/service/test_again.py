@@ -17,7 +17,8 @@ import pytest
 from service.access.principal import Role
 from service.audit.verify import entries_of
 from service.cli.accounts import accounts
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState
 from service.runs.again import BEGUN_KEY, can_be_analysed
 from service.runs.service import Runs

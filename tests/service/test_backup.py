@@ -24,8 +24,8 @@ from service.audit.verify import Verdict, entries_of, verify
 from service.backup.backup import MANIFEST, make_backup, verified
 from service.backup.restore import restore_backup
 from service.cli.accounts import accounts
-from service.config.database import DatabaseAddress
-from service.config.settings import Plant, load_plant
+from service.config.plant import DatabaseAddress, Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.routes.recording_formats import PARQUET
 from service.store.database import _config, _engine

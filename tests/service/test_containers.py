@@ -13,9 +13,9 @@ from sqlalchemy import make_url
 
 from drivers.addresses import TcpAddress
 from drivers.motion.precedence import LOOP
-from service.config.database import PASSWORD_VARIABLE
 from service.config.nightly import GATEWAY_VARIABLE
-from service.config.settings import Plant, load_plant
+from service.config.plant import PASSWORD_VARIABLE, Plant
+from service.config.settings import load_plant
 from valve.parameter_sets import PARAMETER_SETS
 
 PROJECT = Path(__file__).resolve().parents[2]

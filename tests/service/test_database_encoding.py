@@ -5,7 +5,7 @@ import secrets
 import psycopg
 import pytest
 
-from service.config.database import DatabaseAddress
+from service.config.plant import DatabaseAddress
 from service.store.database import open_database
 from tests.support.databases import SERVER, why_no_server
 

@@ -16,7 +16,8 @@ import pytest
 from drivers.motion.orders import MotionEnd
 from drivers.motion.spool import end_of_json, end_to_json
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case, Ne107

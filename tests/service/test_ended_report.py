@@ -13,7 +13,8 @@ import httpx
 import pytest
 
 from drivers.stands_at import RestRules, StemVerdict, stands_at
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.model.stands_words import NOT_CONFIRMED
 from service.report.ended import EndedSource, ended_document

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.config.nightly import Retention
+from service.config.plant import Retention
 from service.config.settings import load_plant
 from service.model.run import Label, Run, RunState, new_run_id
 from service.store.retention import remove_old_recordings

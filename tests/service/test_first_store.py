@@ -18,8 +18,8 @@ from alembic import command
 from sqlalchemy import MetaData, Table, insert, make_url
 
 from service.analysis.analysis import analyze_recordings
-from service.config.database import DatabaseAddress
-from service.config.settings import Plant, load_plant
+from service.config.plant import DatabaseAddress, Plant
+from service.config.settings import load_plant
 from service.routes.recording_formats import PARQUET
 from service.store.database import _config, _engine, newest_revision
 from tests.service.access.signed_in import body_of

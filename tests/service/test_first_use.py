@@ -11,7 +11,7 @@ import httpx
 import jinja2
 import pytest
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.routes import openapi as openapi_module
 from service.server import server
 from service.server.first_use import use_once

@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.given import Given, OfRequest, give, part_if_given, part_of
 from service.runs.service import Runs
 from service.store.store import Store

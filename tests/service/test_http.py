@@ -9,7 +9,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from tests.support.fake_rig import FakeRig
 from tests.support.problem import assert_problem
 

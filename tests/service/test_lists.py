@@ -14,9 +14,8 @@ import httpx
 import pytest
 
 from service.access.principal import Role
-from service.config.database import DatabaseAddress
-from service.config.settings import Plant, PlantValve, load_plant
-from service.config.valves import Identity
+from service.config.plant import DatabaseAddress, Identity, Plant, PlantValve
+from service.config.settings import load_plant
 from service.model.run import Label, Run, RunState, new_run_id
 from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in

@@ -7,7 +7,7 @@ from typing import Any
 
 import httpx
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.problem import assert_problem
 

@@ -30,7 +30,7 @@ from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, sai
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt, StemVerdict
-from service.config.settings import Plant
+from service.config.plant import Plant
 from tests.support.fake_rig import FakeRig
 from tests.support.in_process import motion_on
 from valve import messages

@@ -7,7 +7,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store

@@ -12,7 +12,7 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute, iter_route_contexts
 from pydantic import TypeAdapter
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of

@@ -14,7 +14,8 @@ from typer.testing import CliRunner, Result
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.planned_scatter import PackingScatter, packing_half_widths
 from service.cli import app
-from service.config.settings import PlantValve, load_plant
+from service.config.plant import PlantValve
+from service.config.settings import load_plant
 from service.planning.expected_valve import expected_valve, measures_pressure
 from service.planning.planning import plan_document, plan_sequence
 from tests.support.rough_valves import case

@@ -15,7 +15,8 @@ import pytest
 from drivers.addresses import TcpAddress
 from drivers.motion.orders import MotionLostError
 from drivers.motion.plant_read import PlantRead, plant_read, valve_read
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.plant_alarm import AlarmKind
 from service.model.run import Run, RunState, new_run_id
 from service.runs.motion_watch import MotionWatch

@@ -14,7 +14,7 @@ from drivers.addresses import Mode
 from drivers.motion import rig as rig_of_wires
 from drivers.motion.orders import Order
 from drivers.motion.rig import Watcher, WiredRig
-from service.config.settings import Plant
+from service.config.plant import Plant
 from valve.errors import WireError
 from valve.waveform import triangle
 

@@ -18,7 +18,8 @@ import httpx
 import pytest
 
 from service.audit.verify import entries_of
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store, open_store
 from tests.service.access.signed_in import body_of

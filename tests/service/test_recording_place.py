@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.routes.recording_formats import CSV, PARQUET
 from service.store.store import Store, open_store

@@ -15,7 +15,8 @@ import pytest
 from drivers.motion.journal import JournalWriter
 from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import StemVerdict
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.acknowledgement import alarm_of, last_end
 from service.model.run import Run, RunState
 from service.runs.recovery import mark_interrupted

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.motion.audit_log import AuditLog
 from service.audit.verify import entries_of
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import Run, RunState
 from service.runs.analyst import ENGINE
 from service.runs.renewal import RENEWAL, Renewal

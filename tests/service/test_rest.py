@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.config.settings import Plant
+from service.config.plant import Plant
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.problem import assert_problem
 from tests.support.running_service import running_service

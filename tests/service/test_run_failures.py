@@ -17,7 +17,7 @@ from drivers.motion.journal import JournalWriter
 from drivers.motion.orders import Order
 from drivers.motion.rig import Watcher
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.model.run import Run, RunState
 from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted

@@ -9,7 +9,8 @@ import time_machine
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.schedules.plan import plan_night
 from service.store.store import Store
 from tests.service.nights import NIGHTLY, night_plant, plant_text

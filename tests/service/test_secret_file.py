@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.config.mqtt import MqttSettings
+from service.config.plant import MqttSettings
 from service.config.secret_file import read_secret
 from valve.errors import ConfigurationError
 

@@ -17,7 +17,8 @@ from drivers.registers import Kind, Register, WordOrder
 from drivers.sequence import play_sequence
 from drivers.transport import Transport
 from service.cli.simulated_plant import plant_from_settings
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from tests.support.slave import RawSlave, TcpPort
 from valve.errors import ConfigurationError, DeviceError
 from valve.recording import Provenance

@@ -10,7 +10,7 @@ import pytest
 from alembic import command
 from sqlalchemy import bindparam, event, insert, make_url, text, update
 
-from service.config.database import PASSWORD_VARIABLE, DatabaseAddress
+from service.config.plant import PASSWORD_VARIABLE, DatabaseAddress
 from service.model.check import Check, CheckState
 from service.model.run import Label, Run, RunState, new_run_id
 from service.store.database import _config, _engine, open_database

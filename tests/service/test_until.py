@@ -15,7 +15,8 @@ import pytest
 
 from drivers.motion.journal import JournalWriter
 from drivers.outcome import PlayOutcome, SampleBlock
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.model.until import early_words, is_met, pairs_of, read_until
 from service.report.of_run import _facts

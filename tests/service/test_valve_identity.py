@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from service.config.plant import Identity
 from service.config.settings import faults_of, load_plant
-from service.config.valves import Identity
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.running_service import running_service
 

@@ -23,7 +23,8 @@ from drivers.motion.watch_file import days_in
 from drivers.motion.watching import Watching
 from estimators.in_service.result import Scale
 from estimators.in_service.watch import watched
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.health.staleness import Staleness
 from service.model.health_figures import Figure
 from service.model.watched_day import DayJudged, JudgedBy, WatchedDay

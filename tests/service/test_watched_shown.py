@@ -10,7 +10,7 @@ import pytest
 
 from drivers.motion.motion import Motion
 from drivers.motion.orders import MotionLostError, Unread
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
 from service.health.staleness import Oldest, Staleness

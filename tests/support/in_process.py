@@ -12,7 +12,7 @@ from drivers.motion.bus_lock import BusLocks
 from drivers.motion.motion import Motion
 from drivers.motion.rig import Rig, WiredRig
 from service.app import VERSION, create_app
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.runs.analyst import Analyst
 from service.store.store import Store
 

@@ -13,7 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from drivers.motion.rig import Rig
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.http.http_protocol import BoundedHttp
 from service.runs.analyst import Analyst
 from tests.support.in_process import app_of

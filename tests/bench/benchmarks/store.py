@@ -19,7 +19,8 @@ import numpy as np
 from rich.table import Table
 from sqlalchemy import JSON, Connection, Engine, bindparam, text
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.health_figures import FIGURE_KINDS
 from service.server.server import settle_memory
 from service.store.database import open_database

@@ -11,7 +11,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.model.health_limits import HealthLimits
 from tests.service.health.analyses import SPOT, analysis, named
 from tests.support.fake_rig import FakeAnalyst, FakeRig

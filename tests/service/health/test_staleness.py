@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from service.config.settings import Plant, load_plant
+from service.config.plant import Plant
+from service.config.settings import load_plant
 from service.health.staleness import Oldest, Staleness
 from tests.service.nights import NIGHTLY, night_plant, plant_text
 

@@ -17,7 +17,7 @@ import aiomqtt
 import pytest
 from structlog.testing import capture_logs
 
-from service.config.mqtt import MqttSettings
+from service.config.plant import MqttSettings
 from service.config.settings import load_plant
 from service.model.run import Run, RunState
 from service.store.store import open_store
