@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -14,7 +15,7 @@ from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
 from drivers.watch_rules import WatchRules
 from valve.errors import ConfigurationError, refuse
-from valve.messages import say
+from valve.messages import message_of, say
 from valve.units import SI_FACTORS
 
 
@@ -207,6 +208,7 @@ class GaugeAddress:
                     bus=self.name,
                 )
             )
+        faults.append(self._pattern_fault)
         if SI_FACTORS.get(self.unit, ("", 0.0))[0] != "m":
             faults.append(
                 say(
@@ -217,6 +219,26 @@ class GaugeAddress:
                 )
             )
         refuse(ConfigurationError, faults)
+
+    @property
+    def _pattern_fault(self) -> str:
+        try:
+            pattern = re.compile(self.pattern)
+        except re.error as error:
+            return say(
+                "gauge_pattern_bad",
+                "bus {bus}: pattern {pattern} is no regular expression ({why}), correct it",
+                bus=self.name,
+                pattern=repr(self.pattern),
+                why=message_of(error),
+            )
+        if "value" in pattern.groupindex:
+            return ""
+        return say(
+            "gauge_pattern_without_group",
+            "bus {bus}: pattern has no group (?P<value>...), put it round the number",
+            bus=self.name,
+        )
 
 
 BusAddress: TypeAlias = TcpAddress | TlsAddress | RtuAddress | GaugeAddress

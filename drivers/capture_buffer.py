@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drivers.bus import Exchange
 from drivers.capabilities import Capture
 from drivers.course import Course
 from drivers.crc import words_crc16
 from drivers.faults import CorruptBlockError, IllegalFunctionError
 from drivers.registers import Kind, Register, Table
-from drivers.transport import Exchange
 from drivers.wiring import Unit
 from valve.errors import DeviceError, WaveformError, WireError
 from valve.messages import say

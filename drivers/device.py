@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from drivers.addresses import ValveWiring
+from drivers.bus import Bus, Exchange
 from drivers.capabilities import Fence
 from drivers.capture_buffer import CaptureBuffer
 from drivers.device_watchdog import DeviceWatchdog
@@ -17,8 +18,7 @@ from drivers.identity import require_identity
 from drivers.outcome import SafeOutcome, Sample
 from drivers.registers import Block
 from drivers.sampler import Sampler
-from drivers.transport import Exchange
-from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, wire
+from drivers.wiring import Signal, Unit, Wired, WiredContact, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, ValveError
 from valve.messages import fault_words, joined, message_of, say
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NoReturn, TypeAlias, TypeVar
 
-from drivers.addresses import Mode, ValveWiring
+from drivers.addresses import BusAddress, GaugeAddress, Mode, ValveWiring
+from drivers.bus import Bus, Gauge
 from drivers.course import Course
 from drivers.crc import words_crc16
 from drivers.device import ValveDevice
@@ -19,7 +20,7 @@ from drivers.permissives import read_permissives
 from drivers.registers import Block
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
-from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, read_blocks, wire
+from drivers.wiring import Signal, Unit, Wired, WiredContact, read_blocks, wire
 from valve.errors import EquipmentError, InternalError, WaveformError
 from valve.messages import message_of, say
 from valve.waveform import Waveform
@@ -44,6 +45,11 @@ class ReadOnlyTransport(Transport):
         )
 
     read_write = write
+
+
+def read_only_bus(address: BusAddress) -> Bus:
+    """Return the bus at an address, on which nothing can be written; nothing is opened."""
+    return SerialGauge(address) if isinstance(address, GaugeAddress) else ReadOnlyTransport(address)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +105,7 @@ class Inspector:
         asked = await asyncio.gather(*(self._identity(unit) for unit in units.values()))
         seen = dict(zip(units, asked, strict=True))
         look = _Look(wiring, wired, seen)
-        if isinstance(wired.position, SerialGauge):
+        if not isinstance(wired.position, Signal):
             await look.at_gauge(wired.position, self._unopened.get(wired.position.name, ""))
         return await look.result(waveforms)
 
@@ -159,7 +165,7 @@ class _Look:
             self._faults.append(message_of(error))
             return None
 
-    async def at_gauge(self, gauge: SerialGauge, closed: str) -> None:
+    async def at_gauge(self, gauge: Gauge, closed: str) -> None:
         """Ask the gauge, where its line is open."""
         fault = closed
         try:

@@ -9,9 +9,9 @@ import time
 from typing import Final
 
 from drivers.abort_rules import AbortRules
+from drivers.bus import Exchange
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
-from drivers.transport import Exchange
 from valve.errors import DeviceError, EquipmentError
 
 _RAMP_PERIOD_S: Final = 0.05

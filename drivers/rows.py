@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from drivers.bus import Exchange
 from drivers.capture_buffer import Window
 from drivers.outcome import Sample, SampleBlock
-from drivers.transport import Exchange
 from valve.recording import Acquisition, Provenance, Recording
 
 _LATE_PERCENTILE: Final = 95.0  # the timing uncertainty is half of an exchange that only one in twenty exceeds

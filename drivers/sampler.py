@@ -8,12 +8,11 @@ from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
+from drivers.bus import Exchange, Gauge
 from drivers.crc import words_crc16
 from drivers.faults import CorruptBlockError, StaleSampleError
 from drivers.outcome import Sample
 from drivers.registers import Block
-from drivers.serial_gauge import SerialGauge
-from drivers.transport import Exchange
 from drivers.wiring import Signal, Unit, Wired, read_blocks
 from valve.messages import say
 
@@ -69,16 +68,14 @@ class Sampler:
             self._parts.append(_Part(unit, read_blocks(unit, registers)))
         #: What the output is read by: a block with a check of its own where there is one, otherwise its register alone.
         self._output_part = _Part(wired.readback.unit, read_blocks(wired.readback.unit, [wired.readback.register]))
-        self._gauge = wired.position if isinstance(wired.position, SerialGauge) else None
+        self._gauge = None if isinstance(wired.position, Signal) else wired.position
 
         def found(signal: Signal) -> tuple[int, str]:
             return places[_device(signal.unit)], signal.register.name
 
         # where each quantity stands: the place of its device, and its register there
         self._output = found(wired.readback)
-        self._position = (
-            (len(self._parts), _GAUGE) if isinstance(wired.position, SerialGauge) else found(wired.position)
-        )
+        self._position = found(wired.position) if isinstance(wired.position, Signal) else (len(self._parts), _GAUGE)
         self._pressure = None if wired.pressure is None else found(wired.pressure)
         self._supply = None if self._live is None else self._live.supply
 
@@ -144,7 +141,7 @@ class Sampler:
             readings.append(answer)
         return readings
 
-    async def _ask_gauge(self, gauge: SerialGauge, priority: bool) -> _Reading:
+    async def _ask_gauge(self, gauge: Gauge, priority: bool) -> _Reading:
         answer = await gauge.read(priority=priority)
         return _Reading(answer.sent_s, answer.received_s, {_GAUGE: answer.value_m})
 

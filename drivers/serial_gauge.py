@@ -9,16 +9,16 @@ import termios
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import serial
 
 from drivers.addresses import GaugeAddress
+from drivers.bus import Reading
 from drivers.bus_queue import BusQueue
 from drivers.faults import BadAnswerError, ConnectionLostError, NoAnswerError
 from drivers.serial_port import why_not_opened
-from valve.errors import ConfigurationError, WireError
+from valve.errors import WireError
 from valve.messages import message_of, say
 from valve.units import SI_FACTORS
 
@@ -28,40 +28,12 @@ _LONGEST_ANSWER_BYTES: Final = 256
 _SLICE_S: Final = 0.02  # longest wait inside one call of pyserial, so that our own deadline is kept
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A position and the interval in which it was taken (monotonic clock)."""
-
-    value_m: float
-    sent_s: float
-    received_s: float
-
-
 class SerialGauge:
     """A gauge that answers one request at a time; pyserial works in a thread of its own."""
 
     def __init__(self, address: GaugeAddress) -> None:
-        try:
-            self._pattern = re.compile(address.pattern)
-        except re.error as error:
-            raise ConfigurationError(
-                say(
-                    "gauge_pattern_bad",
-                    "bus {bus}: pattern {pattern} is no regular expression ({why}), correct it",
-                    bus=address.name,
-                    pattern=repr(address.pattern),
-                    why=message_of(error),
-                )
-            ) from error
-        if "value" not in self._pattern.groupindex:
-            raise ConfigurationError(
-                say(
-                    "gauge_pattern_without_group",
-                    "bus {bus}: pattern has no group (?P<value>...), put it round the number",
-                    bus=address.name,
-                )
-            )
         self.address = address
+        self._pattern = re.compile(address.pattern)
         self._queue = BusQueue()
         self._thread: ThreadPoolExecutor | None = None
         self._line: serial.Serial | None = None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
+from drivers.bus import Exchange
 from drivers.bus_queue import BusQueue
 from drivers.connection import Connection
 from drivers.faults import (
@@ -37,15 +38,6 @@ from valve.messages import say
 
 _HANGS_UP_S: Final = 0.05  # a device that closes after each answer does so at once; a network's way back is shorter
 _LEAST_LEFT: Final = 0.5  # of a read's deadline must be left to ask again: a slow answer must not come after it
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """A request that was answered: the words that came, and when it went out and the answer was there (monotonic)."""
-
-    words: tuple[int, ...]
-    sent_s: float
-    received_s: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,34 +6,27 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, ValveWiring
+from drivers.addresses import MotionLimits, ValveWiring
+from drivers.bus import Bus, Exchange, Gauge, Modbus, is_gauge
 from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.points import Point
 from drivers.register_map import RegisterMap
 from drivers.registers import MAX_READ_WORDS, Block, Register, Table
-from drivers.serial_gauge import SerialGauge
-from drivers.transport import Exchange, Transport
 from valve.errors import ConfigurationError, refuse
 from valve.messages import message_of, say
 
-Bus = Transport | SerialGauge
 _Found = TypeVar("_Found")
 
 _TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
-
-
-def make_bus(address: BusAddress) -> Bus:
-    """Return the bus at an address; nothing is opened. Raises ConfigurationError where the address is wrong."""
-    return SerialGauge(address) if isinstance(address, GaugeAddress) else Transport(address)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unit:
     """One device on a bus."""
 
-    bus: Transport
+    bus: Modbus
     device_id: int
     map: RegisterMap
 
@@ -43,7 +36,7 @@ class Unit:
         return say("device_on_bus", "device {device} on {bus}", device=self.device_id, bus=self.bus.name)
 
     async def values(self, *names: str) -> dict[str, float]:
-        """Read registers in one transaction. Raises as ``Transport.read`` does."""
+        """Read registers in one transaction. Raises as ``Modbus.read`` does."""
         block = self.map.block(*names)
         return block.decode((await self.bus.read(self.device_id, block)).words)
 
@@ -52,7 +45,7 @@ class Unit:
         return (await self.values(name))[name]
 
     async def write(self, values: Mapping[str, float], *, priority: bool = False) -> Exchange:
-        """Write neighbouring registers in one transaction, once. Raises as ``Transport.write`` does."""
+        """Write neighbouring registers in one transaction, once. Raises as ``Modbus.write`` does."""
         block, function = self.map.block(*values), self.map.write_function
         words = block.encode(dict(values))
         return await self.bus.write(self.device_id, block.address, words, priority=priority, function=function)
@@ -87,7 +80,7 @@ class Wired:
 
     command: Signal
     readback: Signal
-    position: Signal | SerialGauge
+    position: Signal | Gauge
     pressure: Signal | None
     manual: WiredContact | None = None
     interlock: WiredContact | None = None
@@ -119,7 +112,7 @@ class _Places:
     maps: Mapping[str, RegisterMap]
 
 
-def _unit(tag: str, point: Point, places: _Places) -> Unit | SerialGauge:
+def _unit(tag: str, point: Point, places: _Places) -> Unit | Gauge:
     buses = places.buses
     bus = buses.get(point.bus)
     if bus is None:
@@ -132,7 +125,7 @@ def _unit(tag: str, point: Point, places: _Places) -> Unit | SerialGauge:
                 buses=tuple(buses),
             )
         )
-    if isinstance(bus, SerialGauge):
+    if is_gauge(bus):
         return bus
     if point.device_id is None or point.map is None:
         raise ConfigurationError(
@@ -265,7 +258,7 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
 
 def _modbus(tag: str, point: Point, places: _Places, lacks: str) -> Unit:
     unit = _unit(tag, point, places)
-    if isinstance(unit, SerialGauge):
+    if not isinstance(unit, Unit):
         raise ConfigurationError(
             say("bus_is_a_gauge", "{tag}: bus {bus} is a gauge, it {why}", tag=tag, bus=unit.name, why=lacks)
         )
@@ -276,12 +269,12 @@ def _command(tag: str, point: Point, places: _Places) -> tuple[Signal, Signal]:
     return _commanded(tag, _modbus(tag, point, places, say("commands_nothing", "commands nothing")), point)
 
 
-def _position(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | SerialGauge | None:
+def _position(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | Gauge | None:
     if wiring.position is None:
         point = Point(wiring.command.bus, wiring.command.device_id, wiring.command.map)
         return None if own is None else _measured(wiring.tag, Role.POSITION, own, point, "m")
     unit = _unit(wiring.tag, wiring.position, places)
-    if isinstance(unit, SerialGauge):
+    if not isinstance(unit, Unit):
         return unit
     return _measured(wiring.tag, Role.POSITION, unit, wiring.position, "m")
 

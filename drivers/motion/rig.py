@@ -13,7 +13,8 @@ from typing import Final, Protocol
 
 import structlog
 
-from drivers.addresses import BusAddress, Mode, ValveWiring
+from drivers.addresses import BusAddress, GaugeAddress, Mode, ValveWiring
+from drivers.bus import Bus
 from drivers.device import ValveDevice, connect_valve
 from drivers.motion.orders import Order
 from drivers.outcome import PlayOutcome, Recovered, SafeOutcome, SampleBlock
@@ -22,8 +23,9 @@ from drivers.permissives import UNREACHABLE, read_permissives
 from drivers.recovery import recover_valve
 from drivers.rest_look import look_at_rest
 from drivers.sequence import play_sequence
+from drivers.serial_gauge import SerialGauge
 from drivers.stands_at import StandsAt
-from drivers.wiring import Bus, make_bus
+from drivers.transport import Transport
 from valve.errors import BusyError, EquipmentError
 from valve.messages import fault_words, message_of, report_it, say
 from valve.recording import Provenance
@@ -107,7 +109,7 @@ class WiredRig:
         async with AsyncExitStack() as stack:
             buses: dict[str, Bus] = {}
             for name in sorted(wiring.buses):
-                buses[name] = make_bus(self._addresses[name])
+                buses[name] = _bus(self._addresses[name])
                 stack.push_async_callback(buses[name].close)
                 if opened is None or name in opened:
                     with suppress(EquipmentError) if where_possible else nullcontext():
@@ -261,6 +263,10 @@ class WiredRig:
                     found, reason=say("not_released", "the device was not released: {why}", why=message_of(error))
                 )
             return found
+
+
+def _bus(address: BusAddress) -> Bus:
+    return SerialGauge(address) if isinstance(address, GaugeAddress) else Transport(address)
 
 
 def _logged(tag: str, found: SafeOutcome) -> SafeOutcome:

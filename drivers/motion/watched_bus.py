@@ -9,12 +9,13 @@ from contextlib import asynccontextmanager
 from typing import Final
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress
+from drivers.bus import Exchange, Reading
 from drivers.faults import GatewayPathError, GatewayTargetError
 from drivers.motion.bus_lock import is_taken, watch_name
 from drivers.motion.watch_post import WatchPost
 from drivers.registers import Block
-from drivers.serial_gauge import Reading, SerialGauge
-from drivers.transport import Exchange, ReadTransport
+from drivers.serial_gauge import SerialGauge
+from drivers.transport import ReadTransport
 from valve.errors import BusyError, WireError
 from valve.messages import message_of, say
 

@@ -22,13 +22,14 @@ from typing import Final, Protocol
 import structlog
 
 from drivers.addresses import BusAddress, GaugeAddress, ValveWiring
+from drivers.bus import Bus, unopened
 from drivers.identity import require_identity
 from drivers.motion.orders import Unread
 from drivers.motion.watch_keeper import Row, WatchedValve, WatchKeeper
 from drivers.motion.watched_bus import LeftError, WatchedBus
 from drivers.sampler import Sampler
 from drivers.watch_rules import WatchRules, WatchSpan
-from drivers.wiring import Bus, Signal, Unit, make_bus, wire
+from drivers.wiring import Signal, Unit, wire
 from valve.errors import BusyError, ConfigurationError, EquipmentError
 from valve.messages import message_of, say
 
@@ -211,16 +212,16 @@ class _Valve:
         self.unread: Unread | None = None
         self._slots = slots
         places = (wiring.command, wiring.position, wiring.pressure, *wiring.permissives.points)
-        unopened: dict[str, Bus] = {}
+        named: dict[str, Bus] = {}
         for name in {place.bus for place in places if place is not None}:
             address = addresses[name]
             if isinstance(address, GaugeAddress):
                 gauge = bus_of(name).gauge
                 assert gauge is not None
-                unopened[name] = gauge
+                named[name] = gauge
             else:
-                unopened[name] = make_bus(address)  # names places alone: it is never opened
-        wired = wire(wiring, unopened)
+                named[name] = unopened(address)
+        wired = wire(wiring, named)
         self._units: tuple[Unit, ...] = wired.units
         names = {unit.bus.name for unit in wired.units}
         self._bus_of = {name: bus_of(name) for name in names}

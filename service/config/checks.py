@@ -7,13 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, Point, RtuAddress, ValveWiring
+from drivers.bus import Bus, unopened
 from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.motion.bus_lock import place_of
 from drivers.register_map import RegisterMap
 from drivers.representable import misfits, waveform_misfit
 from drivers.waveform_check import check_waveform
-from drivers.wiring import Bus, Signal, Wired, make_bus, wire
+from drivers.wiring import Signal, Wired, wire
 from service.config.family_rule import check_family_rule
 from service.config.maps import without_wrong
 from service.config.permissives import check_permissives
@@ -43,7 +44,7 @@ def check_wiring(
     ``gateways`` has every bus by its name, also one that is wrong. Returns the valves that could be wired, by tag.
     """
     by_name: dict[str, BusAddress] = {}
-    unopened: dict[str, Bus] = {}
+    named: dict[str, Bus] = {}
     for index, address in buses.items():
         if address is None:
             continue
@@ -55,10 +56,7 @@ def check_wiring(
                 say("rename_one", "rename one"),
             )
         by_name[address.name] = address
-        try:
-            unopened[address.name] = make_bus(address)
-        except ConfigurationError as error:
-            findings.add_error(("buses", index), error)
+        named[address.name] = unopened(address)
     _check_places(findings, buses, gateways)
     tags: set[str] = set()
     commanded: dict[tuple[object, ...], str] = {}
@@ -82,11 +80,11 @@ def check_wiring(
                 findings, valve.key, valve.points["command"], valve.permissives, without_wrong(valve.maps)
             )
         wiring = valve.wiring
-        if wiring is None or not is_placed or not _buses_of(wiring) <= unopened.keys():
+        if wiring is None or not is_placed or not _buses_of(wiring) <= named.keys():
             check_family_rule(findings, valve, None)
             continue  # what is left is for the drivers to find
         try:
-            wired[valve.tag] = wire(wiring, unopened)
+            wired[valve.tag] = wire(wiring, named)
         except ConfigurationError as error:
             findings.add_error(valve.key, error)
             continue

@@ -8,11 +8,8 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Any, Final
 
-from drivers.addresses import BusAddress, GaugeAddress
-from drivers.inspection import Inspector, ReadOnlyTransport, ValveSeen
+from drivers.inspection import Inspector, ValveSeen, read_only_bus
 from drivers.motion.bus_lock import BusLocks
-from drivers.serial_gauge import SerialGauge
-from drivers.wiring import Bus
 from service.config.plant import Plant, PlantValve
 from service.model.sequences import build_waveform, default_of
 from valve.errors import ValveError
@@ -79,7 +76,7 @@ async def look_at_plant(plant: Plant) -> AsyncIterator[CheckedValve]:
     async with AsyncExitStack() as stack:
         locks = BusLocks(plant.buses)
         stack.callback(locks.give_back, needed)
-        buses = {name: _bus(plant.buses[name]) for name in needed}
+        buses = {name: read_only_bus(plant.buses[name]) for name in needed}
         unopened: dict[str, str] = {}
         places = asyncio.Semaphore(_AT_A_TIME)
 
@@ -109,10 +106,6 @@ async def look_at_plant(plant: Plant) -> AsyncIterator[CheckedValve]:
             for look in looks.values():
                 look.cancel()
             await asyncio.gather(*looks.values(), return_exceptions=True)
-
-
-def _bus(address: BusAddress) -> Bus:
-    return SerialGauge(address) if isinstance(address, GaugeAddress) else ReadOnlyTransport(address)
 
 
 def _waveforms(plant: Plant, valve: PlantValve) -> list[Waveform]:

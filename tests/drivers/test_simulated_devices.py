@@ -23,6 +23,7 @@ from drivers.addresses import (
     ValveWiring,
     WatchdogChoice,
 )
+from drivers.bus import Bus
 from drivers.device import connect_valve
 from drivers.maps import register_map
 from drivers.outcome import Ended
@@ -30,7 +31,6 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
-from drivers.wiring import Bus
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, reference_unit
 from simulator.gauge import GaugeListener
 from simulator.listeners import Listener, RtuListener, TcpListener

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.bus import Exchange
 from drivers.motion.journal import JournalWriter, read_journal, recording_from_journal, was_commanded
 from drivers.outcome import Sample
 from drivers.rows import PolledRows
-from drivers.transport import Exchange
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance
 
