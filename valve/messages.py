@@ -144,6 +144,13 @@ def parts_of(text: str) -> tuple[str, ...]:
     return (text,) if text else ()
 
 
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text, messages where each of them was one."""
+    if isinstance(text, Message) and not text.code:
+        return [line for part in parts_of(text) for line in lines_of(part)]
+    return [text] if isinstance(text, Message) else text.splitlines()
+
+
 def changed(text: str, by: Callable[[str], str | None]) -> str:
     """Return a text as ``by`` makes it, in which each text that it holds was changed so before.
 

@@ -15,8 +15,8 @@ from drivers.motion.audit_log import AuditLog
 from drivers.motion.synced import sync_folder
 from service.backup.backup import DATABASE, Manifest, copy_rows, unpack, verified
 from service.config.plant import Plant
+from service.model.analysis import is_to_be_taken_up
 from service.model.run import RunState
-from service.runs.again import is_to_be_taken_up
 from service.runs.recovery import mark_interrupted
 from service.store.database import open_database, refuse_newer
 from service.store.gateway_lock import GatewayLock
@@ -142,7 +142,7 @@ def _settle(staging: Path, made: Manifest, plant: Plant, *, who: str, files_only
 def _mark_unfinished(store: Store, gateway: str) -> None:
     """Mark tests that were under way; only a whole recording's analysis is left to the service, which moves nothing."""
     for run in store.runs.in_states(_UNFINISHED):
-        if is_to_be_taken_up(run, store):
+        if is_to_be_taken_up(run, is_kept=store.recording_path(run.id).is_file()):
             continue
         marked = mark_interrupted(store, run)
         commanded = marked.commanded

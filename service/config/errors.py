@@ -13,10 +13,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from service.config.units import Written, in_own_words, in_si, own_names
-from service.words.sentences import lines_of
 from service.words.spelling import known_keys, lowered, nearest
 from valve.errors import ConfigurationError, ValveError
-from valve.messages import Message, joined, message_of, messages_in, say
+from valve.messages import Message, joined, lines_of, message_of, messages_in, say
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)

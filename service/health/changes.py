@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
+from service.config.plant import PlantValve
 from service.model.health_figures import FIGURE_KINDS, Figure, Figures
 from service.model.health_limits import HealthLimits
 from service.words.sentences import as_heading
@@ -120,6 +121,15 @@ class ValveFacts:
     rated_travel_m: float
     span_pa: float | None
     available_pa: float
+
+
+def facts_of(valve: PlantValve) -> ValveFacts:
+    """Return what of a valve its limits are relative to."""
+    plate, allowed_pa = valve.nameplate, valve.wiring.limits.pressure_pa
+    span = plate.actuator.bench_set_pa if plate.signal is None else plate.signal.range_pa
+    return ValveFacts(
+        plate.actuator.travel_m, None if span is None else span[1] - span[0], allowed_pa[1] - allowed_pa[0]
+    )
 
 
 def allowed(

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from service.config.plant import PlantValve
 from service.health.assess import assess
-from service.health.changes import ValveFacts
+from service.health.changes import facts_of
 from service.health.results import Case
 from service.model.family_rule import event_of_early
 from service.model.run import Run
@@ -34,12 +34,3 @@ def health_of(figures: FigureTable, valve: PlantValve, run: Run, analysis: Mappi
         out_of_family=event_of_early(run.ended_early),
     )
     return assess(case).to_json()
-
-
-def facts_of(valve: PlantValve) -> ValveFacts:
-    """Return what of a valve its limits are relative to."""
-    plate, allowed_pa = valve.nameplate, valve.wiring.limits.pressure_pa
-    span = plate.actuator.bench_set_pa if plate.signal is None else plate.signal.range_pa
-    return ValveFacts(
-        plate.actuator.travel_m, None if span is None else span[1] - span[0], allowed_pa[1] - allowed_pa[0]
-    )

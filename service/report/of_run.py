@@ -7,9 +7,10 @@ from datetime import tzinfo
 from typing import Any, Final
 
 from service.config.plant import Plant, PlantValve
+from service.health.changes import facts_of
 from service.health.comparison import compare
-from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words
+from service.model.analysis import words_of_repetition
 from service.model.family_rule import event_of_early
 from service.model.requester import person_of
 from service.model.run import Label, Run, RunState
@@ -28,7 +29,6 @@ from service.report.valve_facts import (
     nameplate_facts,
     wiring_facts,
 )
-from service.runs.again import words_of_repetition
 from service.shown.ending import ending_of
 from service.shown.history import past_of
 from service.shown.overlays import before_of, layers_of, words_of

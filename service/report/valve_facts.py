@@ -9,8 +9,7 @@ from drivers.addresses import MotionLimits, ValveWiring
 from drivers.stands_at import RestRules
 from service.config.plant import Identity, PlantValve
 from service.figures.signature import Frame
-from service.health.changes import allowed
-from service.health.judge import facts_of
+from service.health.changes import allowed, facts_of
 from service.model.health_limits import HealthLimits
 from service.model.past_test import PastTest
 from service.words.names import named

@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.motion.audit_log import AuditLog
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.health.changes import facts_of
 from service.health.comparison import compare
-from service.health.judge import facts_of
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.health_figures import FIGURE_KINDS

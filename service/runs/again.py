@@ -8,59 +8,22 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime, tzinfo
-from typing import Any, Final
+from datetime import UTC, datetime
+from typing import Any
 
 import structlog
 
-from drivers.outcome import Ended
 from service.config.plant import PlantValve
-from service.model.acknowledgement import ENDED_KEY
-from service.model.requester import person_of
+from service.model.analysis import BEGUN_KEY, REPEATED, analysis_failed
 from service.model.run import Run, RunState
-from service.runs.analyst import ANALYSIS_FAILED, Analyst, analysis_failed, assessed
+from service.runs.analyst import Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.separating import played_by
 from service.store.store import Store
-from service.words.plant_clock import instant_words
 from valve.errors import ValveError
 from valve.messages import message_of, report_it, say
 
-#: Key of an analysis that was made again: when, by which software and for whom.
-REPEATED: Final = "repeated"
-BEGUN_KEY: Final = "analysis_begun_again"  # of a run's quality while its analysis is under way: how often that began
-_MOST_BEGUN: Final = 3  # one that ends the service each time must not do so for ever
 _LOG = structlog.get_logger(__name__)
-
-
-def can_be_analysed(run: Run) -> bool:
-    """Whether a test that has ended has what an analysis needs: a whole recording, of a motion that ended well."""
-    if run.recording_file is None or not run.state.finished:
-        return False
-    if run.state is RunState.COMPLETED:
-        return True
-    whole = run.safe_confirmed is True and (run.quality or {}).get(ENDED_KEY) == Ended.COMPLETED.value
-    failed_afterwards = run.state is RunState.FAILED and run.error.startswith(ANALYSIS_FAILED)
-    return whole and (failed_afterwards or run.state is RunState.INTERRUPTED)
-
-
-def is_to_be_taken_up(run: Run, store: Store) -> bool:
-    """Whether only the analysis of an unfinished test of a dead process is missing."""
-    begun = int((run.quality or {}).get(BEGUN_KEY) or 0)
-    whole = run.state is RunState.ANALYZING and run.safe_confirmed is True and run.recording_file is not None
-    return whole and begun < _MOST_BEGUN and store.recording_path(run.id).is_file()
-
-
-def words_of_repetition(run: Run, zone: tzinfo | None) -> str:
-    """Return when, by the clock of ``zone``, and for whom a run was analysed again; "" where it was not."""
-    about = (run.analysis or {}).get(REPEATED)
-    if not about:
-        return ""
-    at = instant_words(datetime.fromisoformat(str(about["at"])), zone)
-    person, software = person_of(str(about["by"])), str(about["software"])
-    if not person:
-        return say("made_again", "made again on {at} by {software}", at=at, software=software)
-    return say("made_again_for", "made again on {at} for {who} by {software}", at=at, who=person, software=software)
 
 
 def begun_again(run: Run) -> dict[str, Any]:

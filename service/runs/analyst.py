@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 from service.config.plant import PlantValve
 from service.health.judge import health_of
+from service.model.analysis import ENGINE, TOGETHER
 from service.model.run import Run
 from service.runs.room import room_to_json
-from service.runs.separating import TOGETHER
 from service.store.store import Store
-from valve.messages import say, with_table
+from valve.messages import with_table
 from valve.nameplate import Nameplate
 
 
@@ -42,13 +42,6 @@ class Analyst(Protocol):
         who waits and goes behind them too. ``mapping``, also an empty one, says that
         the files are as their owners have them (``service.own_files``).
         """
-
-
-#: Raised by one whenever the same recording gives other figures: an analysis keeps it under ``engine``.
-#: One without it is older than the first.
-ENGINE: Final = 1
-#: How the reason of a test begins whose motion ended well.
-ANALYSIS_FAILED: Final = say("analysis_failed", "the recording is stored, its analysis failed")
 
 
 async def assessed(
@@ -84,8 +77,3 @@ async def assessed(
         analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
     health = await asyncio.to_thread(health_of, store.figures, valve, run, analysis)
     return with_table({**analysis, "engine": ENGINE, "health": health})
-
-
-def analysis_failed(reason: str) -> str:
-    """Return that only the analysis of a test failed, and why."""
-    return say("analysis_failed_because", "{failed}: {why}", failed=ANALYSIS_FAILED, why=reason)

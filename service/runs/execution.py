@@ -19,17 +19,18 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt
 from service.config.plant import PlantValve
 from service.model.acknowledgement import ENDED_KEY
+from service.model.analysis import analysis_failed
 from service.model.family_rule import OUT_OF_FAMILY_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
-from service.runs.analyst import Analyst, analysis_failed, assessed
+from service.runs.analyst import Analyst, assessed
 from service.runs.bus_owners import BusOwners, Claim
+from service.runs.left_journal import shown_commanded
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.live_estimates import LiveEstimates
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
-from service.runs.recovery import shown_commanded
 from service.runs.stem_looks import Rest, StemLooks
 from service.store.store import Store
 from service.workers.polling import Polling

@@ -20,6 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from drivers.motion.audit_log import AuditLog
 from service.config.plant import Plant
+from service.model.analysis import ANALYSIS_FAILED, ENGINE
 from service.model.reanalysis import (
     Found,
     Reanalysis,
@@ -31,7 +32,6 @@ from service.model.reanalysis import (
 )
 from service.model.requester import Requester
 from service.model.run import Run, RunState
-from service.runs.analyst import ANALYSIS_FAILED, ENGINE
 from service.runs.service import Runs
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, RequestError, ValveError

@@ -17,50 +17,24 @@ from typing import Any, Final
 import structlog
 
 from drivers.motion.audit_log import AuditLog
-from drivers.motion.journal import read_header, read_journal, recording_from_journal, was_commanded
 from drivers.motion.orders import MotionLink
 from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import unseen
 from service.config.plant import Plant
-from service.model.run import Run, RunState, checked_run_id
+from service.model.analysis import is_to_be_taken_up
+from service.model.run import Run, RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.runs.admission import Admission
-from service.runs.again import is_to_be_taken_up
+from service.runs.left_journal import entry_pressure_pa, keep_journals_of_ended_runs, kept_as_recording, shown_commanded
 from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
-from valve.errors import InternalError, RecordingError, ValveError
+from valve.errors import InternalError, ValveError
 from valve.messages import joined, message_of, parts_of, say
 
 _LOG = structlog.get_logger(__name__)
 _NOTHING_MOVED: Final = say("nothing_was_moved_then", "nothing was moved")
 _UNFINISHED: Final = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
-
-
-def _entry_pressure_pa(store: Store, run: Run) -> float | None:
-    """Return what the device commanded before the test, Pa; None where its journal does not say it. Blocks."""
-    try:
-        entry_pa = read_header(store.journal_path(run.id)).get("entry_pa")
-    except FileNotFoundError:
-        return None
-    except (OSError, ValveError) as error:
-        _LOG.warning("entry value not read", test=run.id, error=str(error))
-        return None
-    return None if entry_pa is None else float(entry_pa)
-
-
-def shown_commanded(store: Store, run: Run) -> bool | None:
-    """Whether an unfinished run commanded its valve, as the run or its journal shows; None where neither can. Blocks.
-
-    Before anything is commanded it stands in the journal; from the end of the motion on it stands in the run.
-    """
-    if run.commanded is not None:
-        return run.commanded
-    try:
-        return was_commanded(store.journal_path(run.id))
-    except (OSError, ValveError) as error:
-        _LOG.warning("journal does not say whether the valve was commanded", test=run.id, error=str(error))
-        return None
 
 
 def mark_interrupted(store: Store, run: Run) -> Run:
@@ -77,7 +51,7 @@ def mark_interrupted(store: Store, run: Run) -> Run:
     changes["commanded"] = shown_commanded(store, run)
     try:
         if store.journal_path(run.id).exists():
-            changes |= _kept_journal(store, run)
+            changes |= kept_as_recording(store, run)
     except (OSError, ValveError) as error:
         kept = True
         reasons.append(
@@ -93,33 +67,6 @@ def mark_interrupted(store: Store, run: Run) -> Run:
         store.journal_path(run.id).unlink(missing_ok=True)
     _LOG.warning("test was interrupted", test=run.id, valve=run.valve, was=run.state.value)
     return interrupted
-
-
-def _kept_journal(store: Store, run: Run) -> dict[str, Any]:
-    """Turn a run's journal into its recording, where it has none; return what that changes in the run."""
-    changes: dict[str, Any] = {}
-    journal = store.journal_path(run.id)
-    if run.recording_file is not None:
-        return changes
-    recording = recording_from_journal(journal)
-    if recording is not None:
-        changes["recording_file"], changes["recording_sha256"] = store.write_recording(run.id, recording)
-    elif (samples := len(read_journal(journal)[1])) > 0:
-        # Somebody may have seen them: what was shown is never thrown away.
-        raise RecordingError(say("samples_too_few", "its samples ({samples}) are too few for one", samples=samples))
-    return changes
-
-
-def keep_journals_of_ended_runs(store: Store) -> None:
-    """Turn journals of runs that ended without a recording (a full disk) into recordings. Blocks."""
-    for journal in sorted((store.folder / "journals").glob("*.journal")):
-        try:
-            run = store.runs.get(checked_run_id(journal.stem))
-            if run.state.finished:
-                store.runs.save(replace(run, **_kept_journal(store, run)))
-                journal.unlink()
-        except (OSError, ValveError) as error:
-            _LOG.warning("journal left as it is", journal=journal.name, error=str(error))
 
 
 def _may_stand_elsewhere(run: Run) -> bool:
@@ -166,7 +113,7 @@ class Recovery:
         gateway = self._plant.service.gateway
         unfinished = await asyncio.to_thread(self._store.runs.in_states, _UNFINISHED, gateway=gateway)
         left = [run for run in unfinished if run.id not in alive]
-        whole = [run for run in left if run.valve in self._plant.valves and is_to_be_taken_up(run, self._store)]
+        whole = [run for run in left if run.valve in self._plant.valves and self._lacks_analysis_alone(run)]
         unfinished = [run for run in left if run not in whole]
         recovered = await self._interrupt(unfinished)
         await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
@@ -174,6 +121,9 @@ class Recovery:
             if run.id not in recovered and run.id not in alive:
                 await self._look_again(run)
         return whole
+
+    def _lacks_analysis_alone(self, run: Run) -> bool:
+        return is_to_be_taken_up(run, is_kept=self._store.recording_path(run.id).is_file())
 
     async def interrupt(self, run: Run) -> Run:
         """Do the same with one test whose motion was lost while this process lived; return it as it was marked."""
@@ -186,7 +136,7 @@ class Recovery:
         for run in runs:
             if run.valve in self._plant.valves and _may_stand_elsewhere(run):
                 commanded = await asyncio.to_thread(shown_commanded, self._store, run)
-                entry_pa = await asyncio.to_thread(_entry_pressure_pa, self._store, run)
+                entry_pa = await asyncio.to_thread(entry_pressure_pa, self._store, run)
                 recovered[run.id] = self._tasks.spawn(self._recover(run, commanded, entry_pa))
         marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in runs]
         for run in marked:

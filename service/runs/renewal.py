@@ -13,9 +13,8 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.config.plant import Plant
+from service.model.analysis import ENGINE, can_be_analysed
 from service.model.requester import Requester, RequesterKind
-from service.runs.again import can_be_analysed
-from service.runs.analyst import ENGINE
 from service.runs.service import Runs
 from service.runs.tasks import Background
 from service.store.store import Store

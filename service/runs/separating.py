@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from service.model.analysis import TOGETHER
 from service.model.run import Run, RunState
 from service.model.sequences import SEQUENCES
 from service.model.until import SEPARATING
@@ -14,7 +15,6 @@ from service.words.names import named
 from valve.errors import RequestError
 from valve.messages import say
 
-TOGETHER: Final = "together"  # key of an analysis that says which tests it is of
 _LOOKED_THROUGH: Final = 50  # tests of the valve before it
 _MOST_TOGETHER: Final = 3  # earlier tests: a fit of more takes too long
 

@@ -21,13 +21,14 @@ from drivers.motion.plant_read import valve_read
 from drivers.waveform_check import check_waveform
 from service.config.plant import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
+from service.model.analysis import can_be_analysed
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.model.sequences import choose_waveform
 from service.model.until import SEPARATING, until_of
 from service.recordings.place import recording_of
 from service.runs.admission import Admission
-from service.runs.again import analyse_again, begun_again, can_be_analysed
+from service.runs.again import analyse_again, begun_again
 from service.runs.analyst import Analyst
 from service.runs.bus_owners import Claim
 from service.runs.description import DESCRIBED, description_of

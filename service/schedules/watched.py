@@ -13,7 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from drivers.motion.watch_file import WatchDay, days_in
 from service.config.plant import Plant, PlantValve
-from service.health.judge import facts_of
+from service.health.changes import facts_of
 from service.health.staleness import Staleness
 from service.health.watched import HISTORY_DAYS, friction_changed, present_nameplate
 from service.model.watched_day import ChangedInService, DayJudged, WatchedDay

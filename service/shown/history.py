@@ -8,8 +8,7 @@ from typing import Any, Final
 
 from service.config.plant import PlantValve
 from service.figures.trend import Ahead, Trend, TrendPoint
-from service.health.changes import allowed
-from service.health.judge import facts_of
+from service.health.changes import allowed, facts_of
 from service.model.acknowledgement import needs_acknowledgement
 from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest

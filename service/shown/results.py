@@ -9,10 +9,10 @@ from typing import Any
 
 from service.figures.methods import all_estimates, method_words
 from service.health.acceptance import remarked
+from service.model.analysis import words_of_repetition
 from service.model.requester import person_of
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
-from service.runs.again import words_of_repetition
 from service.shown.diagnosis_words import beside_no_fault, plain_cause
 from service.shown.words import FIGURES, POSITION_NOISE, SAMPLES, VERDICTS
 from service.words.names import named

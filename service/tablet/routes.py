@@ -13,16 +13,16 @@ from drivers.addresses import Mode
 from service.config.plant import Plant
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
+from service.health.changes import facts_of
 from service.health.earlier import EarlierResults
-from service.health.judge import facts_of
 from service.http.given import Given
 from service.model.acknowledgement import needs_acknowledgement
+from service.model.analysis import can_be_analysed
 from service.model.run import Run, RunState
 from service.model.until import early_words
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.runs.again import can_be_analysed
 from service.runs.service import Runs
 from service.shown.ending import ending_of
 from service.shown.history import ValvePast, past_of

@@ -78,13 +78,6 @@ def sentences_of(text: str) -> list[str]:
     return [sentence.strip() if type(sentence) is str else sentence for part in found for sentence in part if sentence]
 
 
-def lines_of(text: str) -> list[str]:
-    """Return the lines of a text, messages where each of them was one."""
-    if isinstance(text, Message) and not text.code:
-        return [line for part in parts_of(text) for line in lines_of(part)]
-    return [text] if isinstance(text, Message) else text.splitlines()
-
-
 def together(sentences: Iterable[str], between: str = " ") -> str:
     """Return sentences one after the other, without those that are ""; one alone as it is, "" for none."""
     said = [sentence for sentence in sentences if sentence]

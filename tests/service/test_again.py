@@ -19,8 +19,8 @@ from service.audit.verify import entries_of
 from service.cli.accounts import accounts
 from service.config.plant import Plant
 from service.config.settings import load_plant
+from service.model.analysis import BEGUN_KEY, can_be_analysed
 from service.model.run import Run, RunState
-from service.runs.again import BEGUN_KEY, can_be_analysed
 from service.runs.service import Runs
 from service.store.store import Store
 from tests.service.access.signed_in import body_of, signed_in

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -191,3 +193,24 @@ def test_wrong_usage_is_code_2_and_no_traceback(run: Run, arguments: list[str]) 
     outcome = run(*arguments)
     assert outcome.returncode == 2
     assert "Traceback" not in outcome.stderr
+
+
+_LOADED = """
+import json, sys
+from tests.service.command_line import called
+for arguments in json.loads(sys.argv[1]):
+    outcome = called("analyze", "triangle.csv", *arguments)
+    assert outcome.returncode == 0, outcome.stderr
+    print(sorted({name.partition(".")[0] for name in sys.modules} & set(json.loads(sys.argv[2]))))
+"""
+
+
+def test_neither_web_nor_database_nor_wire_is_loaded(folder: Path) -> None:
+    (folder / "loaded.toml").write_text(service_text() + bus_text("plc-1", 5020) + valve_text("FV-101", "plc-1"))
+    plain = ["--nameplate", "fv-101.toml"]
+    forms = [plain, [*plain, "--report", "loaded.html"], ["--config", "loaded.toml", "--valve", "FV-101"]]
+    heavy = ["fastapi", "starlette", "uvicorn", "sqlalchemy", "alembic", "pymodbus", "serial"]
+    asked = [sys.executable, "-c", _LOADED, json.dumps(forms), json.dumps(heavy)]
+    done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["[]", "[]", "[]"]

@@ -12,8 +12,8 @@ import pytest
 from drivers.motion.audit_log import AuditLog
 from service.audit.verify import entries_of
 from service.config.plant import Plant
+from service.model.analysis import ENGINE
 from service.model.run import Run, RunState
-from service.runs.analyst import ENGINE
 from service.runs.renewal import RENEWAL, Renewal
 from service.runs.service import Runs
 from service.runs.tasks import Background

@@ -19,8 +19,9 @@ from drivers.motion.rig import Watcher
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from service.config.plant import Plant
 from service.model.run import Run, RunState
+from service.runs.left_journal import keep_journals_of_ended_runs
 from service.runs.live import MOTION_SHARE
-from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
+from service.runs.recovery import mark_interrupted
 from service.runs.service import Runs
 from service.shown.ending import ending_of
 from service.store.run_table import RunTable

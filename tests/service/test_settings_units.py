@@ -18,9 +18,8 @@ from service.config.settings import faults_of, load_plant
 from service.config.units import Written, in_own_words, in_si, own_names
 from service.config.valves import ValveParts, valve_parts
 from service.model.health_limits import HealthLimits
-from service.words.sentences import lines_of
 from valve.errors import ConfigurationError
-from valve.messages import Message, message_of, say
+from valve.messages import Message, lines_of, message_of, say
 from valve.nameplate import Action, Actuator, Signal
 from valve.units import PASCAL_PER_PSI
 

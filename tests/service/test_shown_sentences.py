@@ -12,14 +12,13 @@ from service.words.reader import Reader
 from service.words.sentences import (
     as_sentence,
     in_units,
-    lines_of,
     sentences_of,
     together,
     without,
     without_end,
 )
 from service.words.units import UnitSystem, measured_said, quantity_said
-from valve.messages import Message, joined, say
+from valve.messages import Message, joined, lines_of, say
 
 
 @pytest.mark.parametrize(
