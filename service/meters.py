@@ -11,9 +11,8 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 
 from drivers.outcome import SampleBlock
 from service.config.plant import Plant
-from service.model.acknowledgement import ENDED_KEY
 from service.model.analysis import REPEATED
-from service.model.run import Run, RunState
+from service.model.run import ENDED_KEY, Run, RunState
 
 _REMEMBERED: Final = 10_000  # tests that were counted already: each is stored several times
 _JITTER_S: Final = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 2e-2, 5e-2, 0.1)

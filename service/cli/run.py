@@ -23,7 +23,8 @@ from service.cli.standing import is_astray, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import Label
 from service.model.until import early_words, pairs_of
-from service.words.sentences import in_units, together, without
+from service.words.messages import in_units
+from service.words.sentences import together, without
 from service.words.units import UnitSystem
 from valve.errors import MeasurementError, WireError
 from valve.messages import TABLE, restored, say

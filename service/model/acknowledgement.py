@@ -9,11 +9,10 @@ from typing import Final
 from drivers.outcome import Ended
 from drivers.permissive import Permissive
 from drivers.stands_at import StemVerdict
-from service.model.run import Run, RunState
+from service.model.run import ENDED_KEY, Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 from valve.messages import Message, formed, joined, parts_of, say
 
-ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
 #: What a stem that is not at its declared safe position is called; the sentence follows.
 NOT_THERE: Final = say("stem_not_at_safe_position", "STEM NOT AT ITS SAFE POSITION: go and look at the valve")
 

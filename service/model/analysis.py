@@ -6,9 +6,8 @@ from datetime import datetime, tzinfo
 from typing import Final
 
 from drivers.outcome import Ended
-from service.model.acknowledgement import ENDED_KEY
 from service.model.requester import person_of
-from service.model.run import Run, RunState
+from service.model.run import ENDED_KEY, Run, RunState
 from service.words.plant_clock import instant_words
 from valve.messages import say
 

@@ -15,6 +15,7 @@ from service.model.until import ENDED_EARLY_KEY
 from valve.errors import NotFoundError
 from valve.messages import say
 
+ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
 
 _NO_FILE_NAME: Final = re.compile(r"[^A-Za-z0-9._-]+")

@@ -18,10 +18,9 @@ from drivers.motion.orders import Armed, Heard, MotionEnd, MotionLink, MotionLos
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt
 from service.config.plant import PlantValve
-from service.model.acknowledgement import ENDED_KEY
 from service.model.analysis import analysis_failed
 from service.model.family_rule import OUT_OF_FAMILY_KEY
-from service.model.run import RunState
+from service.model.run import ENDED_KEY, RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
 from service.runs.analyst import Analyst, assessed

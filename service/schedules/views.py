@@ -119,3 +119,14 @@ def _planned(check: PlannedCheck) -> NightEntry:
 
 def _shared(check: Check | PlannedCheck) -> dict[str, Any]:
     return {name: getattr(check, name) for name in ("valve", "schedule", "sequence", "gateway", "bus", "due_at")}
+
+
+def due_checks(plant: Plant, now: datetime) -> dict[str, datetime]:
+    """Return when each valve is due next; valves without a schedule are left out."""
+    due: dict[str, datetime] = {}
+    for schedule in plant.schedules:
+        coming = next_occurrence(schedule, now)
+        if coming is not None:
+            for tag in schedule.valves:
+                due[tag] = min(coming.due_at, due.get(tag, coming.due_at))
+    return due

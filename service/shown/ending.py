@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from drivers.outcome import Ended
-from service.model.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
+from service.model.acknowledgement import alarm_words, ended_badly, needs_acknowledgement
 from service.model.requester import LOCAL, person_of
-from service.model.run import Run, RunState
+from service.model.run import ENDED_KEY, Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 from service.words.names import named
 from service.words.sentences import as_sentence, together, without
@@ -68,6 +68,14 @@ def _played_to_its_end(run: Run) -> bool:
 def _nothing_moved(run: Run) -> bool:
     """Whether nothing was sent that can move the valve; not so where that was never kept."""
     return run.commanded is False
+
+
+def standing_at(run: Run | None) -> dict[str, Any]:
+    """Return where a test left its valve, what is wrong with that, and what a page compares to see it change."""
+    if run is None:
+        return {"stands": "", "alarm": "", "verdict": ""}
+    verdict = "" if run.stands is None else run.stands.verdict.value
+    return {"stands": where_it_stands(run), "alarm": alarm_words(run), "verdict": verdict}
 
 
 def _headline(run: Run) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Final
 
 from service.model.acknowledgement import is_moving, needs_acknowledgement, stem_astray
 from service.model.run import Run, RunState
 from service.words.sentences import NO_FAULT
-from valve.messages import say
+from valve.messages import Message, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +20,29 @@ class Condition:
     words: str
     rank: int
 
+
+class Change(StrEnum):
+    """What became of a valve, in the order in which it is told."""
+
+    WORSE = "worse"
+    NOT_TESTED = "not tested"
+    BETTER = "better"
+    FIRST = "tested for the first time"
+    UNCHANGED = "unchanged"
+
+    @property
+    def words(self) -> Message:
+        """What a person reads."""
+        return _CHANGES[self]
+
+
+_CHANGES: Final = {
+    Change.WORSE: say("change_worse", "worse"),
+    Change.NOT_TESTED: say("change_not_tested", "not tested"),
+    Change.BETTER: say("change_better", "better"),
+    Change.FIRST: say("change_first", "tested for the first time"),
+    Change.UNCHANGED: say("change_unchanged", "unchanged"),
+}
 
 ALARM: Final = Condition("alarm", say("state_not_confirmed", "Safe state not confirmed"), 0)
 STEM_ASTRAY: Final = Condition("alarm", say("state_stem_astray", "Stem not at its safe position"), 0)

@@ -9,9 +9,8 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, Engine, Row, Select, and_, exists, func, insert, literal, or_, select, update
 
 from drivers.outcome import Ended
-from service.model.acknowledgement import ENDED_KEY
 from service.model.reanalysis import Found, Reanalysis, ReanalysisProgress, Repeat, RepeatState, Wanted
-from service.model.run import RunState
+from service.model.run import ENDED_KEY, RunState
 from service.store.run_table import RunFilter
 from service.store.schema_health import FIGURES
 from service.store.schema_reanalyses import REANALYSES, REPEATS

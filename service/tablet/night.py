@@ -6,7 +6,7 @@ import asyncio
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Annotated, Final
 from urllib.parse import urlencode
 
@@ -16,12 +16,11 @@ from service.config.plant import Plant
 from service.model.check import CheckState
 from service.model.past_test import PastTest
 from service.model.schedule import next_occurrence
-from service.schedules.nightly import wall_clock
 from service.schedules.views import NightEntry, night
 from service.shown.history import diagnosis_words
 from service.shown.words import BAD_END, NE107, NOT_ASSESSED, Condition
 from service.store.store import Store
-from service.tablet.valve_list import Chip, found_by
+from service.tablet.choices import Chip, found_by
 from service.words.names import named
 from service.words.sentences import as_clause
 
@@ -102,7 +101,7 @@ class Nights:
 
 async def night_of(plant: Plant, store: Store, wish: NightWish) -> Nights:
     """Return the last and the coming night valve by valve, and the schedules; all empty where none is planned."""
-    now = wall_clock()
+    now = datetime.now(UTC)
     entries = await asyncio.to_thread(night, plant, store.schedule_runs, now)
     ids = [one.test_id for one in entries if one.test_id is not None]
     figures = await asyncio.to_thread(store.figures.of_ids, ids)
@@ -160,15 +159,3 @@ def _check(entry: NightEntry, test: PastTest | None) -> NightCheck:
         found = NOT_ASSESSED if test is None else NE107.get(test.ne107 or "", NOT_ASSESSED)
     diagnosis = "" if test is None or found is None else diagnosis_words(test)
     return NightCheck(entry.valve, entry.due_at, entry.state.value, entry.reason, entry.test_id, found, diagnosis)
-
-
-def due_checks(plant: Plant) -> dict[str, datetime]:
-    """Return when each valve is due next; valves without a schedule are left out."""
-    now = wall_clock()
-    due: dict[str, datetime] = {}
-    for schedule in plant.schedules:
-        coming = next_occurrence(schedule, now)
-        if coming is not None:
-            for tag in schedule.valves:
-                due[tag] = min(coming.due_at, due.get(tag, coming.due_at))
-    return due

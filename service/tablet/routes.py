@@ -24,7 +24,8 @@ from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
 from service.runs.service import Runs
-from service.shown.ending import ending_of
+from service.schedules.views import due_checks
+from service.shown.ending import ending_of, standing_at
 from service.shown.history import ValvePast, past_of
 from service.shown.next_step import next_step
 from service.shown.overlays import before_of, overlays_of, words_of
@@ -42,13 +43,13 @@ from service.shown.results import (
 from service.shown.words import NE107, STATES, alarm_condition
 from service.store.store import Store
 from service.tablet.figure_addresses import figure_query
-from service.tablet.night import NightWish, due_checks, night_of
+from service.tablet.night import NightWish, night_of
 from service.tablet.plans import planned_line, waveform_of
 from service.tablet.rendering import PagesOf
 from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
-from service.tablet.valve_pages import standing_at
-from service.tablet.valve_rows import ValveSource, ValveSourceOf, valve_rows, valve_stands
+from service.tablet.valve_rows import valve_rows
+from service.tablet.valve_stands import ValveSource, ValveSourceOf, valve_stands
 from service.tablet.visitor import VisitorOf
 from service.words.names import named
 from service.words.reader import Reader
@@ -72,7 +73,7 @@ async def valves_page(
     wish: Annotated[Wish, Query()],
 ) -> Response:
     """Show the valves, worst first, and what changed since yesterday."""
-    values = await asyncio.to_thread(_valves_shown, source, earlier, wish, due_checks(source.plant))
+    values = await asyncio.to_thread(_valves_shown, source, earlier, wish, due_checks(source.plant, datetime.now(UTC)))
     return pages.show("valves.html", visitor, values)
 
 

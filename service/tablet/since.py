@@ -5,45 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta
-from enum import StrEnum
 from typing import Final
 from zoneinfo import ZoneInfo
 
 from service.health.earlier import EarlierResults
 from service.health.staleness import Oldest
-from service.shown.words import Condition, condition_of
+from service.shown.words import Change, Condition, condition_of
 from service.store.conditions import not_carried_out
-from service.tablet.valve_rows import Stand, ValveSource
+from service.tablet.valve_stands import Stand, ValveSource
 from service.words.sentences import as_clause, without
-from valve.messages import Message, say
+from valve.messages import say
 
 _NOON: Final = time(12)
 _NOTES: Final = 4  # of the first screen; the chips lead to all
 _NAMED: Final = 3  # valves of one note
-
-
-class Change(StrEnum):
-    """What became of a valve, in the order in which it is told."""
-
-    WORSE = "worse"
-    NOT_TESTED = "not tested"
-    BETTER = "better"
-    FIRST = "tested for the first time"
-    UNCHANGED = "unchanged"
-
-    @property
-    def words(self) -> Message:
-        """What a person reads."""
-        return _WORDS[self]
-
-
-_WORDS: Final = {
-    Change.WORSE: say("change_worse", "worse"),
-    Change.NOT_TESTED: say("change_not_tested", "not tested"),
-    Change.BETTER: say("change_better", "better"),
-    Change.FIRST: say("change_first", "tested for the first time"),
-    Change.UNCHANGED: say("change_unchanged", "unchanged"),
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Final
 from urllib.parse import urlencode
@@ -12,8 +11,9 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, Field
 
 from service.config.plant import PlantValve
-from service.tablet.since import Change
-from service.tablet.valve_rows import Stand
+from service.shown.words import Change
+from service.tablet.choices import Chip, found_by
+from service.tablet.valve_stands import Stand
 from valve.messages import say
 
 _ROWS: Final = 50  # on one page
@@ -48,17 +48,6 @@ class Wish(BaseModel):
         asked = {"find": self.find, "state": self.state, "area": self.area, "since": self.since, **changes}
         given = {key: value for key, value in asked.items() if value}
         return f"/?{urlencode(given, doseq=True)}" if given else "/"
-
-
-@dataclass(frozen=True, slots=True)
-class Chip:
-    """One choice: its words, how many valves it would show, and where it leads."""
-
-    value: str
-    words: str
-    count: int
-    is_chosen: bool
-    address: str
 
 
 class ValveList:
@@ -129,10 +118,3 @@ class ValveList:
         if not asked:
             return self._found
         return [tag for tag in self._found if all(value(tag) in chosen for chosen, value in asked)]
-
-
-def found_by(tag: str, valve: PlantValve) -> str:
-    """Return what a valve is found by; words are looked for in each part by itself."""
-    one = valve.identity
-    parts = (tag, one.description, one.area, one.service, one.serial_number)
-    return "\n".join(part for part in parts if part is not None).lower()

@@ -17,9 +17,8 @@ from service.figures.signature import has_signature
 from service.health.staleness import Staleness
 from service.health.watched import notes_of, present_nameplate
 from service.http.given import Given
-from service.model.acknowledgement import alarm_words, needs_acknowledgement
+from service.model.acknowledgement import needs_acknowledgement
 from service.model.run import Run
-from service.model.stands_words import where_it_stands
 from service.report.valve_facts import (
     DESCRIPTION,
     class_facts,
@@ -29,13 +28,14 @@ from service.report.valve_facts import (
 )
 from service.runs.service import Runs
 from service.runs.unread import unread_of
+from service.schedules.views import due_checks
+from service.shown.ending import standing_at
 from service.shown.forecast import forecasts_of
 from service.shown.history import history_row, past_of
 from service.shown.in_service import in_service_of
 from service.shown.words import condition_of
 from service.store.store import Store
 from service.tablet.figure_addresses import figure_query, trend_address
-from service.tablet.night import due_checks
 from service.tablet.plans import AROUND_S, approved_plans, plans_of
 from service.tablet.rendering import PagesOf
 from service.tablet.visitor import VisitorOf
@@ -116,7 +116,8 @@ async def valve_page(
         valve = source.runs.valve(tag)
     except NotFoundError as error:
         return pages.missing(visitor, error)
-    reader, due, now = pages.reader, due_checks(source.plant), datetime.now(UTC)
+    reader, now = pages.reader, datetime.now(UTC)
+    due = due_checks(source.plant, now)
     past = await asyncio.to_thread(past_of, source.store, tag, valve)
     last = source.runs.as_it_stands(past.newest[0]) if past.newest else None
     latest, figures = past.latest, {test.test_id: test for test in past.figures}
@@ -165,14 +166,6 @@ async def valve_page(
         "history": [history_row(source.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
     }
     return pages.show("valve.html", visitor, values)
-
-
-def standing_at(run: Run | None) -> dict[str, Any]:
-    """Return where a test left its valve, what is wrong with that, and what a page compares to see it change."""
-    if run is None:
-        return {"stands": "", "alarm": "", "verdict": ""}
-    verdict = "" if run.stands is None else run.stands.verdict.value
-    return {"stands": where_it_stands(run), "alarm": alarm_words(run), "verdict": verdict}
 
 
 def _standing(staleness: Staleness, latest: Run | None, tag: str) -> Mapping[str, Any]:

@@ -1,10 +1,14 @@
-"""A message as a person reads it: made anew from its values, in that person's language, units and clock."""
+"""A message as a person reads it: made anew from its values, in that person's language, units and clock.
+
+A text that is no message, such as one that an earlier version kept, stays as it was said: English and SI.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from datetime import datetime, tzinfo
+from functools import lru_cache
 from typing import Final
 
 from service.words.languages import Language, catalogue
@@ -12,6 +16,7 @@ from service.words.plain_numbers import as_read, digits_of, rounded
 from service.words.units import UnitSystem, said_in, shown_unit
 from valve.messages import ALONE, MINUTES, UNITS, Message, Value, as_told, fields, formed, parted
 
+_KEPT: Final = 8192  # so many messages are kept as they were told
 _MOST_FURTHER_DIGITS: Final = 6  # for an interval that is narrow beside its value
 _SMALL_M: Final = 1.0e-4  # below it metric lengths are read in µm
 _MICROMETRE: Final = "µm"
@@ -86,3 +91,30 @@ class Telling:
         largest_m = max((length_m for length_m, _ in lengths_m), default=0.0)
         is_written_so = any(named == "um" for _, named in lengths_m)
         return largest_m < _SMALL_M and (largest_m > 0.0 or is_written_so)
+
+
+def in_units(text: str, system: UnitSystem, zone: tzinfo | None = None, language: Language = Language.ENGLISH) -> str:
+    """Return a message in the units of ``system``, its instants by ``zone``, in a language; ``+-`` is read as ``±``."""
+    if isinstance(text, Message):
+        return _told(_Made(text, _key(text)), system, zone, language)
+    return as_read(text)
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A message that is the same as another if it was made of the same: equal texts may hide other digits and codes."""
+
+    message: Message = field(compare=False)
+    key: Hashable
+
+
+def _key(value: Value) -> Hashable:
+    if isinstance(value, Message):
+        return value.code, value.template, value.form, tuple((name, _key(one)) for name, one in value.values.items())
+    return tuple(map(_key, value)) if isinstance(value, tuple) else value
+
+
+@lru_cache(maxsize=_KEPT)
+def _told(made: _Made, system: UnitSystem, zone: tzinfo | None, language: Language) -> str:
+    """Lists say the same again and again."""
+    return Telling(system, zone, language, as_read).shown(made.message)

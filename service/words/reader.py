@@ -8,7 +8,7 @@ from datetime import tzinfo
 from typing import Any
 
 from service.words.languages import Language
-from service.words.sentences import in_units
+from service.words.messages import in_units
 from service.words.units import ShownUnit, UnitSystem, measured, quantity, shown_unit
 from valve.messages import Message
 

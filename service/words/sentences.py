@@ -1,55 +1,16 @@
-"""Sentences as people read them: the quantities in them in the units that a person chose.
-
-A message (``valve.messages``) is made anew from its values. A text that is none, such as one that an earlier version
-kept, stays as it was said: English and SI.
-"""
+"""Sentences put together and taken apart: a message (``valve.messages``) stays one, and so does a text."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Hashable, Iterable
-from dataclasses import dataclass, field
-from datetime import tzinfo
-from functools import lru_cache
+from collections.abc import Collection, Iterable
 from typing import Final
 
-from service.words.languages import Language
-from service.words.messages import Telling
-from service.words.plain_numbers import as_read
-from service.words.units import UnitSystem
 from valve.messages import Message, Value, formed, joined, left_out, parts_of, say
 
 #: How a verdict without a fault is said; what follows it says how friction varies.
 NO_FAULT: Final = say("no_fault_found", "No fault found.")
-_KEPT: Final = 8192  # so many messages are kept as they were told
 _SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")  # of texts that are no messages
-
-
-def in_units(text: str, system: UnitSystem, zone: tzinfo | None = None, language: Language = Language.ENGLISH) -> str:
-    """Return a message in the units of ``system``, its instants by ``zone``, in a language; ``+-`` is read as ``±``."""
-    if isinstance(text, Message):
-        return _told(_Made(text, _key(text)), system, zone, language)
-    return as_read(text)
-
-
-@dataclass(frozen=True, slots=True)
-class _Made:
-    """A message that is the same as another if it was made of the same: equal texts may hide other digits and codes."""
-
-    message: Message = field(compare=False)
-    key: Hashable
-
-
-def _key(value: Value) -> Hashable:
-    if isinstance(value, Message):
-        return value.code, value.template, value.form, tuple((name, _key(one)) for name, one in value.values.items())
-    return tuple(map(_key, value)) if isinstance(value, tuple) else value
-
-
-@lru_cache(maxsize=_KEPT)
-def _told(made: _Made, system: UnitSystem, zone: tzinfo | None, language: Language) -> str:
-    """Lists say the same again and again."""
-    return Telling(system, zone, language, as_read).shown(made.message)
 
 
 def as_sentence(text: str) -> str:

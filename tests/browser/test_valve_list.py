@@ -18,10 +18,12 @@ from service.health.staleness import Staleness
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
+from service.shown.words import Change
 from service.store.store import Store
-from service.tablet.since import Change, Since, since_yesterday, yesterday_noon
+from service.tablet.since import Since, since_yesterday, yesterday_noon
 from service.tablet.valve_list import ValveList, Wish
-from service.tablet.valve_rows import ValveSource, friction_trend, valve_rows, valve_stands
+from service.tablet.valve_rows import friction_trend, valve_rows
+from service.tablet.valve_stands import ValveSource, valve_stands
 from tests.service.conftest import PLANT
 from tests.support.made_analysis import FRICTION_N, made_analysis
 

@@ -6,7 +6,7 @@ import polib
 import pytest
 
 from service.words.languages import Catalogue, Language, catalogue, path_of
-from service.words.sentences import in_units
+from service.words.messages import in_units
 from service.words.units import UnitSystem
 from tests.bench.translations import everything_said, fields_of
 from valve.messages import say

@@ -9,7 +9,7 @@ from typing import Any, Final
 import pytest
 
 from service.analysis.analysis import analyze_recordings
-from service.words.sentences import in_units
+from service.words.messages import in_units
 from service.words.units import UnitSystem
 from tests.support.rough_valves import case
 from valve.effects import Effect

@@ -7,16 +7,10 @@ import pytest
 
 from discrepancy.rough.causes.base import Fitted
 from service.shown.diagnosis_words import beside_no_fault
+from service.words.messages import in_units
 from service.words.plain_numbers import as_read
 from service.words.reader import Reader
-from service.words.sentences import (
-    as_sentence,
-    in_units,
-    sentences_of,
-    together,
-    without,
-    without_end,
-)
+from service.words.sentences import as_sentence, sentences_of, together, without, without_end
 from service.words.units import UnitSystem, measured_said, quantity_said
 from valve.messages import Message, joined, lines_of, say
 

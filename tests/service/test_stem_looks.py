@@ -19,7 +19,7 @@ from service.model.stands_words import stands_sentence
 from service.mqtt.messages import state_message
 from service.runs.bus_owners import BusOwners
 from service.store.store import Store
-from service.words.sentences import in_units
+from service.words.messages import in_units
 from service.words.units import UnitSystem
 from simulator.faults import Fault, FaultKind
 from tests.service.conftest import PLANT
