@@ -11,11 +11,11 @@ from enum import StrEnum
 from typing import Any, Final
 
 from drivers.stands_at import StandsAt
-from service.model.until import ENDED_EARLY_KEY
 from valve.errors import NotFoundError
 from valve.messages import say
 
 ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
+ENDED_EARLY_KEY: Final = "ended_early"  # of it, too: why the test ended before its sequence did
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
 
 _NO_FILE_NAME: Final = re.compile(r"[^A-Za-z0-9._-]+")

@@ -12,9 +12,7 @@ from service.model.family_rule import event_of_early, event_words
 from valve.errors import RequestError
 from valve.messages import joined, say
 
-#: Of a run's quality: what was asked for, in percent by symbol, and how much time that saved.
-UNTIL_KEY: Final = "until"
-ENDED_EARLY_KEY: Final = "ended_early"
+UNTIL_KEY: Final = "until"  # of a run's quality: what was asked for, in percent by symbol
 #: What a test can be ended by: figures that are never 0, so that a share of them means something.
 SYMBOLS: Final = ("F_s", "F_c", "k")
 #: Own choice: with fewer an interval says little, whatever its width.

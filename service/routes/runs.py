@@ -42,7 +42,7 @@ from service.routes.recording_formats import CSV, PARQUET, acceptable
 from service.routes.run_views import ReaderOf, RunDescription, RunPage, RunRequest, RunView, summary, view
 from service.runs.events import Event
 from service.runs.service import Runs
-from service.store.run_table import RunFilter
+from service.store.run_filter import RunFilter
 from service.store.store import Store
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)

@@ -20,9 +20,9 @@ from drivers.stands_at import StandsAt
 from service.config.plant import PlantValve
 from service.model.analysis import analysis_failed
 from service.model.family_rule import OUT_OF_FAMILY_KEY
-from service.model.run import ENDED_KEY, RunState
+from service.model.run import ENDED_EARLY_KEY, ENDED_KEY, RunState
 from service.model.stands_words import NOT_CONFIRMED
-from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
+from service.model.until import UNTIL_KEY
 from service.runs.analyst import Analyst, assessed
 from service.runs.bus_owners import BusOwners, Claim
 from service.runs.left_journal import shown_commanded

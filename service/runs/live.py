@@ -15,7 +15,7 @@ from drivers.stands_at import StandsAt
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
 from service.runs.events import EventLog
-from service.store.store import Store
+from service.store.run_table import RunTable
 
 _LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows
 _PROGRESS_STEP: Final = 0.005
@@ -57,10 +57,10 @@ class LiveRun:
             self.at_rest.set()
             self.finished.set()
 
-    async def keep_stands(self, store: Store, stands: StandsAt) -> Run:
+    async def keep_stands(self, runs: RunTable, stands: StandsAt) -> Run:
         """Store where the valve was seen to stand, then let the watchers see it. Raises as the store does."""
         async with self.storing:
-            await asyncio.to_thread(store.runs.note_stands, self.run, stands)
+            await asyncio.to_thread(runs.note_stands, self.run, stands)
             self.show_stands(stands)
         return self.run
 

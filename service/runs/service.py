@@ -41,7 +41,7 @@ from service.runs.recovery import Recovery
 from service.runs.separating import check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
-from service.store.run_table import RunFilter
+from service.store.run_filter import RunFilter
 from service.store.store import Store
 from service.workers.polling import Polling
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError

@@ -169,7 +169,7 @@ class StemLooks:
                 if rest.live is None:
                     await asyncio.to_thread(self._store.runs.note_stands, rest.run, stands)
                 else:
-                    await rest.live.keep_stands(self._store, stands)
+                    await rest.live.keep_stands(self._store.runs, stands)
             except NotFoundError as error:
                 _LOG.warning("stem's look not stored", test=rest.run.id, error=str(error))
                 return

@@ -11,7 +11,7 @@ from sqlalchemy import ColumnElement, Engine, Row, Select, and_, exists, func, i
 from drivers.outcome import Ended
 from service.model.reanalysis import Found, Reanalysis, ReanalysisProgress, Repeat, RepeatState, Wanted
 from service.model.run import ENDED_KEY, RunState
-from service.store.run_table import RunFilter
+from service.store.run_filter import RunFilter
 from service.store.schema_health import FIGURES
 from service.store.schema_reanalyses import REANALYSES, REPEATS
 from service.store.schema_tests import TESTS

@@ -9,14 +9,14 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete, exists, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from drivers.stands_at import StandsAt, StemVerdict
 from service.model.run import Label, Run, RunState
 from service.model.until import UNTIL_KEY
 from service.store.figure_table import write_figures
-from service.store.schema_health import FIGURES
+from service.store.run_filter import RunFilter
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
 from service.store.schema_tests import ANALYSES, TESTS
 from service.store.sentences import with_sentences
@@ -26,7 +26,6 @@ from valve.messages import TABLE, restored, say, with_table
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
 _DOCUMENT: Final = "document"
-_FEW: Final = 2000  # tests of a state: so many are looked up one by one faster than all are walked past
 _NAMES: Final = tuple(column.name for column in TESTS.c)
 
 
@@ -38,63 +37,6 @@ class ValveHead:
     completed_number: int | None
     completed_at: datetime | None
     health: Mapping[str, Any] | None
-
-
-@dataclass(frozen=True, slots=True)
-class RunFilter:
-    """Which runs are meant; what is empty or None asks for nothing. ``ne107`` is what the test itself found.
-
-    ``since`` and ``until``: asked for at the first or later, and before the second. ``valves`` is None for all.
-    """
-
-    valve: str | None = None
-    states: Sequence[RunState] = ()
-    ne107: Sequence[str] = ()
-    labels: Sequence[Label] = ()
-    since: datetime | None = None
-    until: datetime | None = None
-    valves: Sequence[str] | None = None
-
-    def conditions(self) -> list[ColumnElement[bool]]:
-        """Return what a row of tests must meet."""
-        tests, found = TESTS.c, FIGURES.c
-        asked: list[tuple[bool, Callable[[], ColumnElement[bool]]]] = [
-            (self.valve is not None, lambda: tests.valve == self.valve),
-            (self.valves is not None, lambda: tests.valve.in_(self.valves or ())),
-            (bool(self.states), lambda: tests.state.in_([state.value for state in self.states])),
-            (bool(self.labels), lambda: tests.label.in_([label.value for label in self.labels])),
-            (self.since is not None, lambda: tests.created_at >= self.since),
-            (self.until is not None, lambda: tests.created_at < self.until),
-            (
-                bool(self.ne107),
-                lambda: exists().where(found.number == tests.number, found.ne107.in_(list(self.ne107))),
-            ),
-        ]
-        return [*(condition() for is_asked, condition in asked if is_asked), *self._bounds(tests.number)]
-
-    def _bounds(self, number: ColumnElement[int]) -> list[ColumnElement[bool]]:
-        """Return between which numbers the tests of the asked time lie: newest first, a walk begins and ends there.
-
-        It follows from the times themselves, so it stays true where the clock was set back. ``+ 0`` has the index of
-        times read for it: both databases would walk all numbers for a plain minimum.
-        """
-        of_time = TESTS.alias("of_time").c
-        asked = [] if self.since is None else [of_time.created_at >= self.since]
-        asked += [] if self.until is None else [of_time.created_at < self.until]
-        bounds: list[ColumnElement[bool]] = []
-        if self.since is not None:
-            bounds.append(number >= select(func.min(of_time.number + 0)).where(*asked).scalar_subquery())
-        if self.until is not None:
-            bounds.append(number <= select(func.max(of_time.number + 0)).where(*asked).scalar_subquery())
-        return bounds
-
-    def narrowed(self, connection: Connection) -> list[ColumnElement[bool]]:
-        """Return what lets the database begin with the few tests of these NE 107 states, where they are few."""
-        if not self.ne107:
-            return []
-        found = select(FIGURES.c.number).where(FIGURES.c.ne107.in_(list(self.ne107)), *self._bounds(FIGURES.c.number))
-        numbers = connection.scalars(found.limit(_FEW + 1)).all()
-        return [TESTS.c.number.in_(numbers)] if len(numbers) <= _FEW else []
 
 
 _ALL: Final = RunFilter()

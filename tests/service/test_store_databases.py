@@ -15,7 +15,8 @@ from service.model.check import Check, CheckState
 from service.model.run import Label, Run, RunState, new_run_id
 from service.store.database import _config, _engine, open_database
 from service.store.figure_table import FigureTable
-from service.store.run_table import NOT_LOADED, RunFilter, RunTable, _row
+from service.store.run_filter import RunFilter
+from service.store.run_table import NOT_LOADED, RunTable, _row
 from service.store.schema_base import UtcDateTime
 from service.store.schema_tests import TESTS
 from service.store.store import Store
@@ -264,7 +265,7 @@ def test_times_are_asked_for_by_themselves_where_the_clock_was_set_back(quick_pa
 def test_states_are_asked_for_alike_where_many_tests_have_them_and_where_few_have(
     quick_path: Path, database_url: str, monkeypatch: pytest.MonkeyPatch, few: int
 ) -> None:
-    monkeypatch.setattr("service.store.run_table._FEW", few)
+    monkeypatch.setattr("service.store.run_filter._FEW", few)
     store = Store(quick_path, database_url)
     for state in "NMNFMN":
         store.runs.save(_completed(store.runs.insert(_run()), state))
