@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from importlib.util import find_spec
 
 from service.config.errors import Fault
-from service.config.settings import Plant
+from service.config.plant import Plant
 from service.health.staleness import Staleness
 from service.mqtt.metrics import BrokerCollector
 from service.store.store import Store
