@@ -4,13 +4,14 @@ ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, 
 ARGS="wire" those of the wire, ARGS="plant" those around it.
 
 ARGS="10000 keep=faults.jsonl for=600" writes every verdict down, begins no case after
-600 s and goes on from there when it is asked again.
+600 s and goes on from there when it is asked again. So it does after Ctrl-C or SIGTERM: the cases that run end first.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -77,11 +78,14 @@ async def _run(asked: _Asked) -> int:
     waiting = iter([case for case in asked.cases if kept.of(case) is None])
     known = sum(kept.of(case) is not None for case in asked.cases)
     done, untried, began_s = 0, 0, time.monotonic()
+    ending = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, ending.set)
 
     async def work() -> None:
         nonlocal done, untried
         for case in waiting:
-            if time.monotonic() - began_s > asked.for_s:
+            if ending.is_set() or time.monotonic() - began_s > asked.for_s:
                 return
             with tempfile.TemporaryDirectory(prefix="breakaway-fault-") as folder:
                 verdict, transactions = await run_case(case, Path(folder))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 from itertools import islice
 from pathlib import Path
 
@@ -74,3 +77,21 @@ async def test_a_case_that_was_refused_before_its_fault_came_is_not_kept(
         assert await long_run._run(long_run._Asked([first, second], {}, tmp_path / "faults.jsonl")) == 0
     assert ran == [first, second, second]
     assert "1 were refused before their fault came" in capsys.readouterr().out
+
+
+async def test_a_run_that_is_told_to_end_keeps_the_cases_that_run_and_begins_no_other(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun: list[Case] = []
+
+    async def ended_meanwhile(case: Case, folder: Path) -> tuple[Verdict, int]:
+        begun.append(case)
+        os.kill(os.getpid(), signal.SIGTERM)
+        await asyncio.sleep(0.0)
+        return Verdict("completed"), TRANSACTIONS
+
+    monkeypatch.setattr(long_run, "run_case", ended_meanwhile)
+    path = tmp_path / "faults.jsonl"
+    await long_run._run(asked_for(["50", f"keep={path}", "at_once=1"]))
+    assert 1 <= len(begun) < 50
+    assert all(KeptVerdicts(path).of(case) == Verdict("completed") for case in begun)
