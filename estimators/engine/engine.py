@@ -311,7 +311,7 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if not has_spring:
         parameters["k"] = absent(_SPRINGLESS)
     missing = [s for s in (("k", "F_c", "F_s") if has_spring else ("F_c", "F_s")) if parameters[s].value is None]
-    creeps = whole is not None and parameters["F_c"].value is not None and _may_creep(whole)
+    creeps = parameters["F_c"].value is not None and _may_creep(basis, whole, quantities)
     status = Status.POOR if missing or commanded or creeps else Status.OK
     told: list[Message] = [_COMMANDED, *said] if commanded else [*said]
     if creeps:
@@ -334,17 +334,25 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     return Estimate(METHOD, status, joined(" ", told), residual_m, parameters, diagnostics)
 
 
-def _may_creep(whole: Dynamic) -> bool:
+def _may_creep(basis: Basis, whole: Dynamic | None, quantities: Mapping[str, Quantity]) -> bool:
     """Whether the friction on the slowest ramps is as large as F_s, and the stem may have been slower there than DV.
 
-    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen.
+    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen. The balance alone knows no
+    DV, and F_s only to its interval.
     """
-    found = whole.quantities
-    rates = [float(np.median(np.abs(one.rate_n_per_s))) for one in whole.best.model.sections.sections]
-    slowest = min(rates) / found["k"].value
-    moving_n = found["F_c"].value + found["F_v"].value * slowest
-    is_faster = found["DV"].ci95[1] < _CLEARLY_BELOW * slowest
-    return not is_faster and abs(found["F_s"].value - moving_n) < NO_JUMP * moving_n
+    if whole is not None:
+        quantities = whole.quantities
+        rates = np.array([np.median(np.abs(one.rate_n_per_s)) for one in whole.best.model.sections.sections])
+        slowest = float(rates.min()) / quantities["k"].value
+        if quantities["DV"].ci95[1] < _CLEARLY_BELOW * slowest:
+            return False
+        moving_n = quantities["F_c"].value + quantities["F_v"].value * slowest
+        return abs(quantities["F_s"].value - moving_n) < NO_JUMP * moving_n
+    if basis.stepped or basis.yields_m or not {"k", "F_c", "F_s"} <= quantities.keys():
+        return False
+    moving_n = quantities["F_c"].value + basis.lag.value * float(np.abs(basis.found.blocks.rate_n_per_s).min())
+    low_n, high_n = quantities["F_s"].ci95
+    return low_n < (1.0 + NO_JUMP) * moving_n and high_n > (1.0 - NO_JUMP) * moving_n
 
 
 def _not_explained(sections: Sections) -> Message:

@@ -16,6 +16,7 @@ from estimators.engine.engine import RoughFrictionEstimator, hidden_jumps
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
+from simulator.recorded import recorded as recorded_in_steps
 from tests.bench.benchmarks.coverage import scattered_test
 from tests.support.published_recordings import Recorded, recorded
 from tests.support.random_valves import random_test
@@ -115,6 +116,18 @@ def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_c
     assert (estimate.status is Status.POOR) is may_creep
     assert any(one.code == "may_creep" for one in messages_in(estimate.message)) is may_creep
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2e-3)
+
+
+def test_a_stem_that_creeps_on_slow_ramps_and_is_known_by_its_balance_alone_is_not_called_ok() -> None:
+    # slips of 0.4 mm in 20 um of noise, ramps of 2 to 12 mm/s beside a DV of 5: F_c comes out 40 % too large
+    made = case("small", "multi_rate", "ideal", 5.0e-3, seed=12, position={"noise_rms": 2.0e-5})
+    creeping = replace(made.settings, parameters=replace(made.settings.parameters, limit_velocity_m_per_s=5.0e-3))
+    recording, _ = recorded_in_steps(creeping, made.waveform, 5.0e-3)
+    estimate = RoughFrictionEstimator().estimate(recording, made.nameplate)
+
+    assert estimate.diagnostics["dynamic"] is None
+    assert estimate.status is Status.POOR
+    assert any(one.code == "may_creep" for one in messages_in(estimate.message))
 
 
 @pytest.mark.parametrize(("static_n", "unsure_n", "is_told"), [(1151.0, 30.0, True), (1151.0, 1.0, False)])
