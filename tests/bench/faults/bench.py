@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import multiprocessing
 import os
 import shutil
@@ -100,11 +101,12 @@ async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:
         takes_a_while = found.around.fault is not None or found.is_watched
         order = case.order or (LONG_ORDER if takes_a_while else ORDER)
         dark = found.around.fault is PlantFault.DARK_DATABASE
-        patience_s = _DARK_PATIENCE_S if dark else _PATIENCE_S
         await _move(found, told, moving)
         back = asyncio.create_task(_moved_again(found, told, moving))
         work = victim.run_watched_test if found.is_watched else victim.run_test
-        await _live(work, (str(found.plant_file), str(told), dict(order)), process, patience_s)
+        # from when it went dark: a busy machine takes seconds to start a service
+        until_s = (lambda: found.struck_s + _DARK_PATIENCE_S) if dark else (lambda: math.inf)
+        await _live(work, (str(found.plant_file), str(told), dict(order)), process, until_s)
         await found.around.mend()
         lines = told_by(told)
         if not any(line["kind"] in ("end", "refused") for line in lines):
@@ -180,15 +182,18 @@ def _continue(process: BaseProcess) -> None:
 
 
 async def _live(
-    work: Callable[..., None], arguments: tuple[Any, ...], process: list[BaseProcess], patience_s: float = _PATIENCE_S
+    work: Callable[..., None],
+    arguments: tuple[Any, ...],
+    process: list[BaseProcess],
+    until_s: Callable[[], float] = lambda: math.inf,
 ) -> None:
-    """Let a process do its work and wait for its end."""
+    """Let a process do its work and wait for its end, which is made for it after a minute, or at ``until_s``."""
     child = _CONTEXT.Process(target=work, args=arguments, daemon=True)
     process.append(child)
     await asyncio.to_thread(child.start)
-    until_s = time.monotonic() + patience_s
+    latest_s = time.monotonic() + _PATIENCE_S
     while child.is_alive():
-        if time.monotonic() > until_s:
+        if time.monotonic() > min(latest_s, until_s()):
             child.kill()
         await asyncio.sleep(0.02)
     await asyncio.to_thread(child.join)
