@@ -16,6 +16,7 @@ from service.model.run import RunState
 from service.runs.service import Runs
 from service.store.schema_access import SESSIONS
 from service.store.store import Store
+from service.words.languages import Language
 from tests.browser.conftest import store_test
 from tests.support.gateway import Gateway
 from tests.support.made_analysis import ACTION, MISSING
@@ -240,6 +241,15 @@ def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_serv
     browser.write("[name=password]", "not this one at all")
     browser.press("[type=submit]")
     browser.until_reads("#sign-in-words", "wrong")
+    browser.driver.add_cookie({"name": "breakaway-language", "value": Language.GERMAN.value})
+    browser.open(service.url)
+    browser.write("[name=name]", "anna")
+    browser.write("[name=password]", "not this one either")
+    browser.press("[type=submit]")
+    browser.until_reads("#sign-in-words", "Passwort")
+    browser.driver.delete_all_cookies()
+    browser.open(service.url)
+    browser.write("[name=name]", "anna")
     browser.write("[name=password]", "a long enough password")
     browser.press("[type=submit]")
     browser.until(lambda: "anna" in browser.text("header"), "the list is shown")

@@ -16,7 +16,7 @@ $("sign-in")?.addEventListener("submit", async (event) => {
   try {
     const answer = await ask("POST", "/session", { body: { name: form.elements.name.value, password: form.elements.password.value } });
     if (answer.ok) { location.replace(form.dataset.next); return; }
-    $("sign-in-words").textContent = answer.found?.detail ?? t("The gateway answered {status}: try again.", { status: answer.status });
+    $("sign-in-words").textContent = answer.found?.shown ?? answer.found?.detail ?? t("The gateway answered {status}: try again.", { status: answer.status });
   } catch { $("sign-in-words").textContent = t("No connection to the gateway: try again."); }
 });
 
