@@ -82,7 +82,7 @@ _MASSES_KG: Final = (0.005, 450.0)  # of all moving parts, stem valves from the 
 _STOP_ROWS: Final = 0.2  # of the stem's lag F_v / k: slower rows do not show at what speed it stops
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _CREEPS: Final = 0.01  # of F_c, that creeping leaves open
-_CLEARLY_BELOW: Final = 0.5  # of the slowest ramp's speed: a DV below it makes no stem creep
+_CLEARLY_BELOW: Final = 0.5  # of the fastest ramp's speed: a DV below it made no stem creep there
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
@@ -335,18 +335,18 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
 
 
 def _may_creep(basis: Basis, whole: Dynamic | None, quantities: Mapping[str, Quantity]) -> bool:
-    """Whether the friction on the slowest ramps is as large as F_s, and the stem may have been slower there than DV.
+    """Whether friction on all ramps is as large as F_s, and the stem may have been slower than DV on each of them.
 
-    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen. The balance alone knows no
-    DV, and F_s only to its interval.
+    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen. One faster ramp shows the
+    motion F_c. The balance alone is held by the slowest: it knows no DV, and F_s only to its interval.
     """
     if whole is not None:
         quantities = whole.quantities
         rates = np.array([np.median(np.abs(one.rate_n_per_s)) for one in whole.best.model.sections.sections])
-        slowest = float(rates.min()) / quantities["k"].value
-        if quantities["DV"].ci95[1] < _CLEARLY_BELOW * slowest:
+        fastest = float(rates.max()) / quantities["k"].value
+        if quantities["DV"].ci95[1] < _CLEARLY_BELOW * fastest:
             return False
-        moving_n = quantities["F_c"].value + quantities["F_v"].value * slowest
+        moving_n = quantities["F_c"].value + quantities["F_v"].value * fastest
         return abs(quantities["F_s"].value - moving_n) < NO_JUMP * moving_n
     if basis.stepped or basis.yields_m or not {"k", "F_c", "F_s"} <= quantities.keys():
         return False

@@ -118,6 +118,16 @@ def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_c
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2e-3)
 
 
+def test_a_stem_that_creeps_on_its_slowest_ramp_alone_is_not_doubted() -> None:
+    # 3.1 mm/s beside a DV of 3.3, and ramps of 10 to 31 mm/s besides
+    made = case("graphite", "multi_rate", "mild", 5.0e-3, seed=80)
+    estimate = _estimated(made)
+
+    assert estimate.status is Status.OK
+    off, half = _off(estimate, made, "F_c")
+    assert abs(off) < half < 0.05
+
+
 def test_a_stem_that_creeps_on_slow_ramps_and_is_known_by_its_balance_alone_is_not_called_ok() -> None:
     # slips of 0.4 mm in 20 um of noise, ramps of 2 to 12 mm/s beside a DV of 5: F_c comes out 40 % too large
     made = case("small", "multi_rate", "ideal", 5.0e-3, seed=12, position={"noise_rms": 2.0e-5})
