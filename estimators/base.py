@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, StrEnum
 from typing import Any, Final, Protocol
 
@@ -23,6 +23,7 @@ _AS_NORMAL: Final = 1.0e6  # degrees of freedom
 LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
 # F_s above the friction in motion, as a share: less shows no jump. What creeping valves with a wrong F_c showed.
 NO_JUMP: Final = 0.06
+_BELOW_STATIC: Final = 0.35  # of F_s: by so much F_c is less at most, in valves like the published ones
 # Own choices: the fewest complete rows that can hold a cycle, and that a noise can be told by.
 FEWEST_SAMPLES: Final = 40
 FEWEST_TOGETHER: Final = 8
@@ -245,6 +246,18 @@ def measured(value: float, std_error: float, *, note: str = "", reason: str = ""
     if half_width > LARGEST_RELATIVE_HALF_WIDTH * abs(value):
         return absent(known_badly(value, half_width, reason or NOT_BETTER))
     return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
+
+
+def of_creep(parameter: ParameterEstimate) -> ParameterEstimate:
+    """Return the F_c of a stem that may creep: what was felt is at most F_s, so F_c may be less by a packing's jump."""
+    if parameter.value is None or parameter.ci95 is None:
+        return parameter
+    low, high = parameter.ci95
+    low = min(low, (1.0 - _BELOW_STATIC) * parameter.value)
+    half_width = 0.5 * (high - low)
+    if half_width > LARGEST_RELATIVE_HALF_WIDTH * parameter.value:
+        return absent(known_badly(parameter.value, half_width, Outcome.MAY_CREEP.message))
+    return replace(parameter, std_error=half_width / NORMAL_95, ci95=(low, high))
 
 
 def offset_estimate(value: float, std_error: float, scale: float, *, reason: str = "") -> ParameterEstimate:

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimators.base import Estimate, Status
+from estimators.base import Estimate, ParameterEstimate, Status
 from estimators.engine.balance import balance, driven_blocks
 from estimators.engine.basis import Basis, of_slides
 from estimators.engine.dynamic import Quantity
@@ -115,6 +115,7 @@ def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_c
 
     assert (estimate.status is Status.POOR) is may_creep
     assert any(one.code == "may_creep" for one in messages_in(estimate.message)) is may_creep
+    _assert_held(estimate.parameters["F_c"], test.truth.coulomb_friction_n)
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2e-3)
 
 
@@ -138,6 +139,12 @@ def test_a_stem_that_creeps_on_slow_ramps_and_is_known_by_its_balance_alone_is_n
     assert estimate.diagnostics["dynamic"] is None
     assert estimate.status is Status.POOR
     assert any(one.code == "may_creep" for one in messages_in(estimate.message))
+    _assert_held(estimate.parameters["F_c"], made.truth.parameters.coulomb_friction_n)
+
+
+def _assert_held(one: ParameterEstimate, truth: float) -> None:
+    assert one.ci95 is not None, one.note
+    assert one.ci95[0] < truth < one.ci95[1]
 
 
 @pytest.mark.parametrize(("static_n", "unsure_n", "is_told"), [(1151.0, 30.0, True), (1151.0, 1.0, False)])
