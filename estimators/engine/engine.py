@@ -83,6 +83,7 @@ _MASSES_KG: Final = (0.005, 450.0)  # of all moving parts, stem valves from the 
 _STOP_ROWS: Final = 0.2  # of the stem's lag F_v / k: slower rows do not show at what speed it stops
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _CREEPS: Final = 0.01  # of F_c, that creeping leaves open
+_ONE_RAMP: Final = 0.8  # of the fastest ramp's speed
 _CLEARLY_BELOW: Final = 0.25  # of the fastest ramp's speed: a DV below it made no stem creep there
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
@@ -284,7 +285,7 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
         for symbol in ("m", "DV"):
             parameters[symbol] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
-    if whole is not None and reading.samples.period_s > _STOP_ROWS * whole.best.unknowns.dynamics.lag_s:
+    if whole is not None and _hides_stops(reading, whole):
         parameters["DV"] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
     if reading.samples.period_s > _NO_MASS_S and whole is not None and whole.best.model.fields.count:
         parameters["m"] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
@@ -338,20 +339,30 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     return Estimate(METHOD, status, joined(" ", told), residual_m, parameters, diagnostics)
 
 
+def _hides_stops(reading: Reading, whole: Dynamic) -> bool:
+    """Whether the rows are too slow to show at what speed a stem of this lag stops."""
+    return reading.samples.period_s > _STOP_ROWS * whole.best.unknowns.dynamics.lag_s
+
+
 def _may_creep(basis: Basis, whole: Dynamic | None, quantities: Mapping[str, Quantity]) -> bool:
     """Whether friction on all ramps is as large as F_s, and the stem may have been slower than DV on each of them.
 
-    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen. One faster ramp shows the
-    motion F_c. The balance alone is held by the slowest: it knows no DV, and F_s only to its interval.
+    A stem that creeps below DV feels F_s, or rests again and again, too shortly to be seen. One ramp with less, slow or
+    fast, shows that it slides. The balance alone is held by the slowest: it knows no DV, and F_s only to its interval,
+    as slow rows on one ramp do.
     """
     if whole is not None:
+        is_slow = _hides_stops(basis.reading, whole)
         quantities = whole.quantities
         rates = np.array([np.median(np.abs(one.rate_n_per_s)) for one in whole.best.model.sections.sections])
         fastest = float(rates.max()) / quantities["k"].value
-        if quantities["DV"].ci95[1] < _CLEARLY_BELOW * fastest:
+        if not is_slow and quantities["DV"].ci95[1] < _CLEARLY_BELOW * fastest:
             return False
-        moving_n = quantities["F_c"].value + quantities["F_v"].value * fastest
-        return abs(quantities["F_s"].value - moving_n) < NO_JUMP * moving_n
+        slowest = float(rates.min()) / quantities["k"].value
+        slow_n, fast_n = (quantities["F_c"].value + quantities["F_v"].value * one for one in (slowest, fastest))
+        static = quantities["F_s"]
+        least_n = static.ci95[0] if is_slow and slowest > _ONE_RAMP * fastest else static.value
+        return least_n < (1.0 + NO_JUMP) * slow_n and static.value > (1.0 - NO_JUMP) * fast_n
     if basis.stepped or basis.yields_m or not {"k", "F_c", "F_s"} <= quantities.keys():
         return False
     moving_n = quantities["F_c"].value + basis.lag.value * float(np.abs(basis.found.blocks.rate_n_per_s).min())
