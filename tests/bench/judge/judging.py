@@ -114,7 +114,7 @@ def table(cases: Sequence[Mapping[str, Any]]) -> str:
         took = [c["seconds"] for c in cases if c["period_s"] == period_s]
         if took:
             lines.append(
-                f"{f'seconds, rows of {1000 * period_s:g} ms':58s} {len(took):5d}  "
+                f"{f'processor seconds, rows of {1000 * period_s:g} ms':58s} {len(took):5d}  "
                 f"{f'median {np.median(took):.1f}, worst {max(took):.0f}':48s} 8 / 30; 4"
             )
     return "\n".join(lines)
