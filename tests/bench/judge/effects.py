@@ -203,7 +203,7 @@ CATALOGUE: Final = {
     for one in (
         Effect("friction_asymmetry", _asymmetry, 0.02, 0.8),
         Effect("stribeck_friction", _stribeck, 0.05, 0.8),
-        Effect("local_friction", _local, 0.03, 2.0, kin=("seat_friction",)),
+        Effect("local_friction", _local, 0.03, 1.2, kin=("seat_friction",)),
         Effect("friction_gradient", _gradient, 0.03, 1.4),
         Effect("friction_drift", _drift, 0.03, 0.8),
         Effect("pressure_dependent_friction", _pressure_dependent, 0.003, 0.15),
@@ -219,7 +219,7 @@ CATALOGUE: Final = {
         Effect("transducer_lag", _ip_lag, 0.08, 1.0, path=True),
         Effect("transducer_dead_time", _ip_delay, 0.08, 0.8, path=True),
         Effect("supply_saturation", _supply, 0.03, 0.35, path=True),
-        Effect("actuator_leak", _leak, 0.01, 0.2, path=True),
+        Effect("actuator_leak", _leak, 0.02, 0.2, path=True),
         Effect("position_backlash", _play, 0.002, 0.04, sequence="diagnostic"),
         Effect("position_nonlinearity", _bow, 0.002, 0.06),
         Effect("position_lag", _position_lag, 0.05, 0.5),

@@ -52,7 +52,14 @@ def judged_estimate(parameters: Mapping[str, Any], truth: Valve, status: str) ->
     for symbol in SYMBOLS:
         entry, true = parameters[symbol], float(getattr(truth, symbol))
         value, limits = entry["value"], entry["ci95"]
-        one: dict[str, Any] = {"value": value, "ci95": limits, "truth": true, "given": value is not None}
+        scale = truth.full_force_n if symbol == "F_0" else true  # which may be zero
+        one: dict[str, Any] = {
+            "value": value,
+            "ci95": limits,
+            "truth": true,
+            "given": value is not None,
+            "scale": scale,
+        }
         if value is not None and limits is not None:
             reach = (limits[1] - value) if true > value else (value - limits[0])
             one["held"] = limits[0] <= true <= limits[1]
@@ -129,8 +136,8 @@ def _estimates(cases: Sequence[Mapping[str, Any]]) -> list[str]:
             with_limits = [one for one in given if "held" in one]
             held = np.mean([one["held"] for one in with_limits]) if with_limits else float("nan")
             wrong = sum(one["wrong"] for one in with_limits)
-            off = [abs(one["value"] / one["truth"] - 1.0) for one in given if one["truth"]]
-            wide = [one["half_width"] / abs(one["truth"]) for one in with_limits if one["truth"]]
+            off = [abs(one["value"] - one["truth"]) / one["scale"] for one in given]
+            wide = [one["half_width"] / one["scale"] for one in with_limits]
             said = f"given {100 * len(given) / len(own):.0f}%, held {100 * held:.0f}%, ok and wrong {wrong}"
             if off:
                 said += f", off {100 * np.median(off):.2f}%, half width {100 * np.median(wide or [np.nan]):.2f}%"

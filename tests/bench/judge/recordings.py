@@ -96,10 +96,9 @@ def _with_loop(signal: FloatArray, width: float) -> FloatArray:
     """Return the signal behind a hysteresis that is ``width`` wide in its middle and closed at its ends."""
     span = float(np.ptp(signal))
     widths = np.linspace(0.05, 0.95, 10) * span
-    parts = [with_play(signal, one) - signal for one in widths]
-    loop = np.asarray(sum(parts, np.zeros_like(signal)))
-    size = float(np.ptp(loop)) or 1.0
-    return signal + loop * width / size
+    loop = np.asarray(sum((with_play(signal, one) - signal for one in widths), np.zeros_like(signal)))
+    in_the_middle = float(np.minimum(widths, 0.5 * span).sum())
+    return signal + loop * (width / in_the_middle if in_the_middle > 0.0 else 0.0)
 
 
 def dead_at(signal: FloatArray, low: float, high: float) -> FloatArray:
