@@ -45,7 +45,9 @@ def line_of(made: Case, analysis: Mapping[str, Any], seconds: float) -> dict[str
         "verdict": found["verdict"],
         "names": causes,
         "rivals": list(found["not_told_apart_from"]),
-        "grade": judging.grade(found["verdict"], causes, found["not_told_apart_from"], made.facts["truth"]),
+        "grade": judging.grade(
+            found["verdict"], causes, found["not_told_apart_from"], made.facts["truth"], made.facts["beside"]
+        ),
         "effect": [one.get("effect_percent_of_span") for one in found["causes"]],
         "values": [
             {name: (entry["value"], entry["ci95"]) for name, entry in one["parameters"].items()}

@@ -84,6 +84,7 @@ def case(kind: str, seed: int, only: str = "") -> Case:
         "truth": [effect.name for effect in effects],
         "size": [size for _, size in hidden],
         "strength": strengths,
+        "beside": _ends_reached(made, effects),
     }
     held_out, true_rmse_m = None, None
     foretold = {"friction_drift", "breakaway_scatter", "vibration"}
@@ -172,6 +173,15 @@ def _hidden(
     if len(hidden) > 1 or made is None:
         made = run(setting, tuple(hidden))
     return tuple(hidden), strengths, made
+
+
+def _ends_reached(made: Run, effects: tuple[Effect, ...]) -> list[str]:
+    """Return the stops that the stem came to rest on and that nobody hid: the ends of its travel."""
+    ends = (
+        ("travel_stop_low", made.stem_m.min() <= made.at_m[1]),
+        ("travel_stop_high", made.stem_m.max() >= made.at_m[-2]),
+    )
+    return [name for name, reached in ends if reached and name not in {effect.name for effect in effects}]
 
 
 def _true_rmse(setting: Setting, made: Run, tried: Run, hidden: Hidden) -> float:

@@ -15,14 +15,20 @@ _SAYS: Final = ("named", "likely", "ambiguous")
 SYMBOLS: Final = ("k", "F_c", "F_s", "F_0", "F_v", "m")
 
 
-def grade(verdict: str, causes: Sequence[str], rivals: Sequence[str], truth: Sequence[str]) -> str:
+def grade(
+    verdict: str, causes: Sequence[str], rivals: Sequence[str], truth: Sequence[str], beside: Sequence[str] = ()
+) -> str:
     """Return right, partly, vague, wrong, none, unexplained or not_assessed.
 
     Right: all that is hidden and nothing else, by name or in a set of at most three. Partly: some of it. Vague: in a
-    larger set. Wrong: a name, or a set, of which a part is not there; for a healthy valve any name.
+    larger set. Wrong: a name, or a set, of which nothing is there; for a healthy valve any name. What is ``beside``
+    the truth may be named: an end of the travel that the stem came to rest on.
     """
     if verdict not in _SAYS or not causes:
         return verdict
+    causes = [one for one in causes if one not in beside]
+    if not causes:
+        return "none"
     left = set(truth)
     sets = [{cause} for cause in causes]
     if verdict == "ambiguous":

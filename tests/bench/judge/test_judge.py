@@ -121,6 +121,7 @@ def test_answers_are_graded_by_what_a_fitter_would_do() -> None:
     assert grade("named", ["vibration"], [], []) == "wrong"
     assert grade("unexplained", [], [], lag) == "unexplained"
     assert grade("none", [], [], []) == "none"
+    assert grade("named", [*lag, "travel_stop_high"], [], lag, ["travel_stop_high"]) == "right"
 
 
 def test_an_estimate_beyond_twice_its_half_width_is_wrong_where_its_status_is_ok() -> None:
