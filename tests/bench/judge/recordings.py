@@ -261,9 +261,9 @@ def true_mean(setting: Setting, made: Run) -> Valve:
     return replace(valve, F_c=F_c, F_s=max(F_s, F_c), F_0=valve.F_0 + 0.5 * (up_n - down_n))
 
 
-def mean_position(valve: Valve, pressure_pa: FloatArray, substeps: int = SUBSTEPS) -> FloatArray:
-    """Return what the mean law makes of the pressure, m at each row."""
-    return move(stem_of(valve), pressure_pa, _start(valve, float(pressure_pa[0])), None, substeps)
+def mean_position(valve: Valve, pressure_pa: FloatArray, start_m: float, substeps: int = SUBSTEPS) -> FloatArray:
+    """Return what the mean law makes of the pressure, m at each row, from where the stem stood."""
+    return move(stem_of(valve), pressure_pa, start_m, None, substeps)
 
 
 def nameplate(setting: Setting, *, mass: bool, bench_set: bool) -> str:

@@ -30,8 +30,9 @@ def best_mean_law(made: Run, start: Valve, *, by_command: bool) -> tuple[Valve, 
     """
     drive_pa = made.path_pa if by_command else made.true_pa
     measured_m = made.position_m[::_EACH]
+    start_m = float(np.median(made.position_m[:100]))
     if by_command:
-        off_m = mean_position(start, drive_pa, _COARSE)[::_EACH] - measured_m
+        off_m = mean_position(start, drive_pa, start_m, _COARSE)[::_EACH] - measured_m
         return start, float(np.sqrt(np.mean(off_m**2)))
 
     def law(values: FloatArray) -> Valve:
@@ -41,7 +42,7 @@ def best_mean_law(made: Run, start: Valve, *, by_command: bool) -> tuple[Valve, 
         return replace(start, F_0=F_0, k=float(k), F_c=float(F_c), F_s=float(max(F_s, F_c)), F_v=float(F_v))
 
     def misses(values: FloatArray) -> FloatArray:
-        return np.asarray(mean_position(law(values), drive_pa, _COARSE)[::_EACH] - measured_m)
+        return np.asarray(mean_position(law(values), drive_pa, start_m, _COARSE)[::_EACH] - measured_m)
 
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(misses(values) ** 2)))
