@@ -123,10 +123,11 @@ class RoughFrictionEstimator:
             return failed(METHOD, Outcome.UNPHYSICAL)
         whole = None
         if static is not None and not basis.leaps and not basis.yields_m:
-            driven, path = (reading, basis.path) if basis.path else with_gauged_path(reading)
-            whole = dynamic(
-                driven, basis.lag, found, static, path, limit_share=basis.limit_share, settings=self.settings
-            )
+            whole = _motion(basis, reading, basis.lag, static, self.settings)
+            late = reading.path.by_converter
+            if late is not None:
+                other = _motion(basis, replace(reading, path=late), basis.lag, static, self.settings)
+                whole = _likelier(whole, other)
         if whole is not None and _disagree(found, whole):
             whole = None
         said = _said(rows)
@@ -138,6 +139,19 @@ class RoughFrictionEstimator:
                 said.insert(0, Outcome.STOP_INSIDE_SWEEP.message)
         estimate = _concluded(basis, whole, said)
         return _at_one_speed(estimate, drive) if drive is not None else estimate
+
+
+def _motion(basis: Basis, reading: Reading, lag: Known, static: StaticFriction, settings: Settings) -> Dynamic | None:
+    """Return what the motion shows with the force of this reading, behind which the stem is late by ``lag``, s."""
+    driven, path = (reading, basis.path) if basis.path else with_gauged_path(reading)
+    return dynamic(driven, lag, basis.found, static, path, limit_share=basis.limit_share, settings=settings)
+
+
+def _likelier(one: Dynamic | None, other: Dynamic | None) -> Dynamic | None:
+    """Return the motion that leaves fewer out, of alike ones the likelier."""
+    if one is None or other is None:
+        return one or other
+    return min((one, other), key=lambda each: (-each.best.model.sections.count, each.best.surprise))
 
 
 def _surely_negative(known: Known) -> bool:

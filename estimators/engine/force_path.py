@@ -42,6 +42,7 @@ _LEAST_AVERAGED: Final = 0.05
 _POLES_HZ: Final = (4.0, 30.0)  # of a gauge's noise, from which its pole is sought
 _SURELY: Final = 2.5  # times the gauge's noise: chance makes no frequency so loud
 GAUGE_LAG_S: Final = 0.03  # a gauge's filter is no slower
+_GAUGE_ALONE_S: Final = 0.012  # so short a lag is the gauge's, as far as the stem shows
 _MOST_LAG_S: Final = 3.0
 _MOST_CORNERS: Final = 150
 _CORNER_SHARE: Final = 0.004  # of the range: how far from a line a corner must lie
@@ -78,6 +79,7 @@ class ForcePath:
     force bends. The force may be later than said by up to ``late_s``: a short lag may be the gauge's or the I/P's.
     Below 0 it is by how much the force may be earlier: a gauge without a command is behind its filter.
     At ``peaks_s`` straight lines meet between two rows, at the forces ``peaks_n``, shape (p,).
+    ``by_converter`` is the same path where that lateness is the I/P's: its force turns as slowly as the gauge shows.
     """
 
     source: Source
@@ -93,6 +95,7 @@ class ForcePath:
     lag_error_s: float = 0.0
     peaks_s: FloatArray = field(default_factory=lambda: np.empty(0))
     peaks_n: FloatArray = field(default_factory=lambda: np.empty(0))
+    by_converter: ForcePath | None = None
 
     def knots(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return times, s, and forces, N, between which it is straight: those of the rows, shape (n,), and peaks."""
@@ -277,30 +280,36 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
     steps = np.diag(np.log1p(_VARIED_S / np.array([lag_s, dead_s])))
     slopes = [gain[1] * (passed(np.asarray(found.x) + step)[0] - shape) / _VARIED_S for step in steps]
     covariance = coloured_covariance(np.column_stack([np.ones(shape.size), shape, *slopes]), left_n, time_s)
-    commanded_n: FloatArray | None = gain[0] + gain[1] * command
-    late_s = GAUGE_LAG_S
-    if lag_s + dead_s <= GAUGE_LAG_S:
-        # so late a pressure may be the gauge's alone: the force turns as sharply as the command, at an unknown instant
-        assert commanded_n is not None
-        force_n, commanded_n = commanded_n, None
-        lag_s, dead_s, late_s = 0.0, 0.0, lag_s + dead_s
-    range_n = max(float(np.ptp(force_n)), 1.0e-12)
-    corners_s = turns(time_s, force_n, 0.0, range_n)
-    bends_s = np.empty(0) if commanded_n is None else turns(time_s, commanded_n, 0.0, range_n) + dead_s
-    force_n = force_n + _hunting(time_s, left_n)
-    return ForcePath(
-        Source.COMMAND,
-        force_n,
-        0.0,
-        corners_s,
-        left_n,
-        lag_s,
-        dead_s,
-        late_s,
-        commanded_n,
-        bends_s,
-        float(np.sqrt(covariance[2, 2])),
-    )
+    commanded_n = gain[0] + gain[1] * command
+
+    def path(sharp: bool) -> ForcePath:
+        turning_n = commanded_n if sharp else force_n
+        range_n = max(float(np.ptp(turning_n)), 1.0e-12)
+        bends_s = np.empty(0) if sharp else turns(time_s, commanded_n, 0.0, range_n) + dead_s
+        return ForcePath(
+            Source.COMMAND,
+            turning_n + _hunting(time_s, left_n),
+            0.0,
+            turns(time_s, turning_n, 0.0, range_n),
+            left_n,
+            0.0 if sharp else lag_s,
+            0.0 if sharp else dead_s,
+            lag_s + dead_s if sharp else GAUGE_LAG_S,
+            None if sharp else commanded_n,
+            bends_s,
+            float(np.sqrt(covariance[2, 2])),
+        )
+
+    if lag_s + dead_s > GAUGE_LAG_S:
+        return path(sharp=False)
+    # so late a pressure may be the gauge's alone: the force turns as sharply as the command, at an unknown instant
+    sharp = path(sharp=True)
+    if lag_s + dead_s <= _GAUGE_ALONE_S:
+        return sharp
+    # rows are averaged around the bends: those of both, or their likelihoods were not to be compared
+    slow = path(sharp=False)
+    events_s = np.unique(np.concatenate([sharp.corners_s, slow.corners_s, slow.bends_s]))
+    return replace(sharp, bends_s=events_s, by_converter=replace(slow, bends_s=events_s))
 
 
 def _line(shape: FloatArray, measured_n: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -8,15 +8,19 @@ from typing import ClassVar, Final
 import numpy as np
 from typing_extensions import override
 
-from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.causes.base import Fitted, FloatArray
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
+from estimators.engine.segmentation import moving_mean
 from valve.messages import say
 
-_MISSING: Final = 0.01  # of the span, by which the pressure stays below the command
+_MISSING: Final = (0.002, 0.01)  # of the span, by which the pressure stays below the command: quiet and noisy
+_SURE: Final = 6.0  # standard deviations of the pressure's noise that it stays below the command
+_QUICK: Final = 0.01  # of the record: what of a pressure is quicker is its noise
 _FLAT: Final = 0.004  # of the span, within which it stays at its top
-_GOES_ON: Final = 0.01  # of the span, by which the command changes while the pressure stays at its top
-_LEAST: Final = 0.01  # of the rows
+_STAYS: Final = 0.3  # of what the command goes on by, within which it stays there: one that lags turns as well
+_OF_MEDIAN: Final = 1.4826  # standard deviation over the median of the absolute values
+_LEAST: Final = 0.005  # of the rows
 _ELSEWHERE: Final = 0.01  # of the span: how well it follows below
 
 
@@ -35,20 +39,36 @@ class SupplySaturation(SeenCause):
         command_pa, pressure_pa = known
         span_pa = float(np.ptp(command_pa))
         top_pa = float(np.quantile(pressure_pa, 0.995))
-        asked = command_pa > top_pa + _MISSING * span_pa
+        missing_pa = min(max(_SURE * self._noise_pa(pressure_pa), _MISSING[0] * span_pa), _MISSING[1] * span_pa)
+        asked = command_pa > top_pa + missing_pa
         if float(asked.mean()) < _LEAST:
             return None
-        # of a command that is held up there an I/P may stay short for other reasons
-        lowest_pa, highest_pa = np.quantile(command_pa[asked], [0.05, 0.95]).tolist()
-        goes_on = highest_pa - lowest_pa > _GOES_ON * span_pa
-        at_top = pressure_pa[asked]
-        flat = float(np.quantile(at_top, 0.95) - np.quantile(at_top, 0.3)) < _FLAT * span_pa
-        below = command_pa < top_pa - 5.0 * _MISSING * span_pa
+        # a command that is held up there, or has turned, an I/P may not follow for other reasons
+        rises = asked & (np.gradient(moving_mean(command_pa, self._width(command_pa))) > 0.0)
+        if not rises.any():
+            return None
+        lowest_pa, highest_pa = np.quantile(command_pa[rises], [0.05, 0.95]).tolist()
+        goes_on_pa = highest_pa - lowest_pa
+        goes_on = goes_on_pa > missing_pa
+        at_top = pressure_pa[rises]
+        flat_pa = float(np.quantile(at_top, 0.95) - np.quantile(at_top, 0.3))
+        flat = flat_pa < min(_FLAT * span_pa, max(_STAYS * goes_on_pa, missing_pa))
+        below = command_pa < top_pa - 5.0 * _MISSING[1] * span_pa
         follows = abs(float(np.median(pressure_pa[below] - command_pa[below]))) < _ELSEWHERE * span_pa
         if not (goes_on and flat and follows):
             return None
         limit_pa = float(np.median(at_top))
         return Seen({"limit_pa": Fitted(limit_pa, float(np.std(at_top)) / np.sqrt(at_top.size), "Pa")}, None)
+
+    @staticmethod
+    def _width(rows: FloatArray) -> int:
+        """How many rows of a record of shape (n,) are quick."""
+        return 2 * (round(_QUICK * rows.size) // 2) + 1
+
+    def _noise_pa(self, pressure_pa: FloatArray) -> float:
+        """Standard deviation of what is quick in the pressure, Pa, shape (n,)."""
+        quick = np.abs(pressure_pa - moving_mean(pressure_pa, self._width(pressure_pa)))
+        return _OF_MEDIAN * float(np.median(quick))
 
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
