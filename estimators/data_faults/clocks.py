@@ -30,6 +30,7 @@ _MOST_APART_S: Final = 1.0
 _SPREADS: Final = 3.0  # so many times the scatter of the turns do the clocks come apart
 _POINTS: Final = 240  # that a corner is found among
 _ERRORS: Final = 6.0
+_FAR_LESS: Final = 0.3  # of what pressure and stem come apart by
 _LEAST_DRIFT_S: Final = 0.02
 _ENOUGH_ROWS: Final = 20_000  # to find the reversals among
 _TURN_OF_SPAN: Final = 0.15  # a reversal of the pressure goes so far to both sides
@@ -184,7 +185,7 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
             at_s.append(float(recording.time_s[turn]))
             apart_s.append(found)
             upper.append(float(pressure_pa[turn] > pressure_pa[first]))
-    if len(at_s) < _LEAST_TURNS:
+    if len(at_s) < _LEAST_TURNS or _keeps_step(recording, turns, float(np.ptp(apart_s))):
         return recording, []
     when_s, late_s = np.array(at_s), np.array(apart_s)
     # above and below a stem may stop at another delay: at a stop, or as friction differs
@@ -223,6 +224,17 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     return replace(recording, pressure_pa=moved_pa), [fault]
 
 
+def _keeps_step(recording: Recording, turns: list[tuple[int, int, int]], apart_s: float) -> bool:
+    """Whether pressure and command come apart by far less than pressure and stem, s: then they share a clock.
+
+    It is the stem then that stops at other times, as one that runs into a stop does on ramps of several rates.
+    """
+    if recording.command_pa is None:
+        return False
+    late_s = [found for one in turns if (found := _apart_s(recording, *one, recording.command_pa)) is not None]
+    return len(late_s) >= _LEAST_TURNS and float(np.ptp(late_s)) < _FAR_LESS * apart_s
+
+
 def _turns(channel: FloatArray) -> list[tuple[int, int, int]]:
     """Return the rows of each large reversal, with those of the reversals before and after it."""
     rows = np.flatnonzero(np.isfinite(channel))
@@ -250,15 +262,19 @@ def _turns(channel: FloatArray) -> list[tuple[int, int, int]]:
     return [(int(rows[ends[at - 1]]), int(rows[ends[at]]), int(rows[ends[at + 1]])) for at in inner]
 
 
-def _apart_s(recording: Recording, first: int, turn: int, last: int) -> float | None:
-    """Return by how much later than the pressure turns the stem stops, s; None where it was not on its way."""
+def _apart_s(recording: Recording, first: int, turn: int, last: int, other: FloatArray | None = None) -> float | None:
+    """Return by how much later than the pressure turns the stem stops, s; None where it was not on its way.
+
+    With an ``other`` channel, shape (n,), by how much later that one turns.
+    """
     assert recording.pressure_pa is not None
-    time_s, pressure_pa, position_m = recording.time_s, recording.pressure_pa, recording.position_m
+    time_s, pressure_pa = recording.time_s, recording.pressure_pa
     reach = max(8, min(turn - first, last - turn) // 3)
     rows = slice(max(0, turn - reach), min(time_s.size, turn + reach + 1))
     at_s = time_s[rows] - time_s[turn]
     corner_s = _corner_s(at_s, pressure_pa[rows], flat_after=False)
-    stop_s = _corner_s(at_s, position_m[rows], flat_after=True)
+    follows = recording.position_m if other is None else other
+    stop_s = _corner_s(at_s, follows[rows], flat_after=other is None)
     return None if corner_s is None or stop_s is None else stop_s - corner_s
 
 

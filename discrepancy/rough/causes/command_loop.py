@@ -29,7 +29,8 @@ _STEP_S: Final = 0.02
 _FEWEST: Final = 200
 _LONGEST_GAP_S: Final = 0.5
 _PLAYS: Final = 12
-_FORGETS: Final = 0.2  # of the command's range: what came before the recording no longer counts beyond it
+_FORGETS: Final = 0.95  # of the command's farthest way: what came before the recording no longer counts beyond it
+_FORGETS_BAND: Final = 0.2  # of its range, where that would leave out more than it leaves
 _BEYOND_TOP: Final = 0.002  # of the range: a command so far above the highest pressure is not followed
 _LEAST: Final = 0.003  # of the range: good positioners and I/Ps have as much
 _WIDEST: Final = 0.12  # of the range
@@ -138,7 +139,10 @@ def _course(recording: Recording) -> tuple[_Course, float] | None:
         (np.interp(even_s, time_s, moving_mean(values, width)) - low_pa) / range_pa
         for values in (command_pa, pressure_pa)
     )
-    forgotten = np.flatnonzero(np.abs(command - command[0]) > _FORGETS)
+    way = np.abs(command - command[0])
+    forgotten = np.flatnonzero(way > _FORGETS * float(way.max()))
+    if forgotten[0] > even_s.size // 2:
+        forgotten = np.flatnonzero(way > _FORGETS_BAND)
     if forgotten.size == 0:
         return None
     counts = command < float(np.quantile(pressure, 0.995)) + _BEYOND_TOP

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
+from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from tests.support.rough_valves import VALVES, case
 from valve.effects.local_friction import LocalFriction
+from valve.recording import Recording
 
 
 def _span_pa(valve: str) -> float:
@@ -47,6 +50,24 @@ def test_a_hysteresis_loop_is_named_with_its_width(valve: str, sequence: str, sh
     assert found.verdict is Verdict.NAMED
     assert [one.cause for one in found.causes] == ["transducer_hysteresis"]
     assert found.causes[0].parameters["width_pa"].value == pytest.approx(share * _span_pa(valve), rel=0.08)
+
+
+def test_a_loop_is_seen_that_begins_in_its_middle() -> None:
+    # nobody knows which way an I/P came last: a loop of 10 % was told as "no fault found"
+    time_s = np.arange(0.0, 60.0, 0.02)
+    command = np.interp(time_s % 20.0, [0.0, 10.0, 20.0], [0.0, 1.0, 0.0])
+    loop = np.zeros(time_s.size)
+    for width in np.linspace(0.05, 0.95, 10):
+        held = command[0]
+        for row, level in enumerate(command):
+            held = min(max(held, level - 0.5 * width), level + 0.5 * width)
+            loop[row] += held - level
+    noise = 1.0e-3 * np.random.default_rng(4).standard_normal(time_s.size)
+    pressure_pa = 80.0e3 * (command + 0.04 * loop + noise)
+    found = command_loop(Recording(time_s, np.zeros(time_s.size), pressure_pa, command_pa=80.0e3 * command))
+    assert found is not None
+    assert found[0] is LoopLaw.HYSTERESIS
+    assert found[1].value == pytest.approx(0.1 * 80.0e3, rel=0.02)
 
 
 @pytest.mark.parametrize("scatter", [0.2, pytest.param(0.3, marks=pytest.mark.long)])

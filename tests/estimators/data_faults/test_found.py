@@ -189,6 +189,19 @@ def test_stamps_that_jitter_beside_even_samples_are_put_right(jitter: float, per
     np.testing.assert_allclose(np.diff(cleaned.time_s), period_s, rtol=1.0e-3)
 
 
+def test_a_stem_that_runs_into_stops_on_quicker_and_quicker_ramps_is_no_clock() -> None:
+    # it was 1.2 s early on the slowest ramp, and the pressure was moved by as much: "exchange command and pressure"
+    turns_s = np.cumsum([0.0, 10.0, 10.0, 5.0, 5.0, 3.0, 3.0, 2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0])
+    time_s = np.arange(0.0, turns_s[-1], 1.0e-3)
+    command, follows = (np.interp(time_s - late_s, turns_s, np.arange(15) % 2) for late_s in (0.0, 0.03))
+    stem, at = np.empty(time_s.size), 0.5
+    for row, level in enumerate(follows):
+        at = min(max(at, level - 0.08), level + 0.08)
+        stem[row] = min(max(at, 0.2), 0.8)
+    recording = Recording(time_s, 0.1 * stem, 80.0e3 * follows, command_pa=80.0e3 * command)
+    assert ("own_clock", "pressure_pa") not in reasons(recording)
+
+
 @pytest.mark.parametrize("rate", [3.0e-3, 1.0e-3, -1.0e-3])
 def test_a_pressure_on_a_clock_of_its_own_is_set_onto_the_positions(rate: float) -> None:
     recording = logged()
