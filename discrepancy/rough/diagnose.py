@@ -56,6 +56,9 @@ _LOOSE_PACKING: Final = say(
     "Measure the bench set: the pressures at which the stem starts and ends, with the packing loose.",
 )
 _SLOW_S: Final = 0.1  # a lag that quick sweeps leave rows for
+_LATER: Final = 1.3  # times what corners show
+_SHOWN_LAG_S: Final = 0.02
+_LAG_OF_ENGINE: Final = 0.2  # of it: its error
 _LAG_ERROR: Final = 0.1  # of a lag that the balance found with too short a settling
 _KNOWN: Final = 0.05  # of F_c: its error
 _KEPT: Final = 0.3  # of the blocks at least, with a longer one
@@ -98,7 +101,7 @@ def diagnose(
     if len(reading.segmentation.directions) < 2:
         return _not_assessed(_ONE_WAY)
     creeping_m_per_s = _CREEPS * _limit_velocity(estimate)
-    lag = lag_after_corners(reading)
+    lag = _lag(reading, estimate)
     null = _plain(reading, nameplate, lag, creeping_m_per_s)
     if null is None and lag.value > _SLOW_S:
         # quick sweeps leave no rows for a long settling
@@ -147,6 +150,20 @@ def diagnose(
         return found
     others = say("other_causes", "{finding} Other causes: {why}.", finding=found.message, why=_NO_SLIDES)
     return replace(found, message=others)
+
+
+def _lag(reading: Reading, estimate: Estimate | None) -> Known:
+    """How late the stem follows, s: by its corners, or by the engine's F_v / k where that is clearly more.
+
+    A stem that is damped so much that it rests at once where the force turns has no tail there, or a poor one.
+    """
+    lag = lag_after_corners(reading)
+    if estimate is None:
+        return lag
+    damping, spring = (estimate.value(symbol) for symbol in ("F_v", "k"))
+    if damping is None or not spring or damping / spring < _LATER * max(lag.value, _SHOWN_LAG_S):
+        return lag
+    return Known(damping / spring, _LAG_OF_ENGINE * damping / spring)
 
 
 def _setting(null: Solved, reading: Reading, nameplate: Nameplate, creeping_m_per_s: float) -> Setting:

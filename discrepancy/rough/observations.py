@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from estimators.engine.balance import ramps
 from estimators.engine.breakaways import breakaways
+from estimators.engine.force_path import lagged
 from estimators.engine.laws import Law, Where
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
@@ -218,6 +219,8 @@ def _blocks(reading: Reading, lag: Known) -> FloatArray:
     """Means over pieces of driven motion: time, travel, rate, force, direction, rows, duration, speed; shape (8, n)."""
     time_s, position_m, force_n = reading.time_s, reading.position_m, reading.path.force_n
     period_s = float(np.median(np.diff(time_s)))
+    # what an I/P does by itself drives a damped stem as far as it follows
+    followed_n = lagged(time_s, force_n, lag.value, np.diff(reading.samples.run_first, prepend=0) > 0)
     columns: list[tuple[float, ...]] = []
     spans = _spans(reading, settled_s(lag.value))
     ways_m = np.array([abs(float(position_m[last] - position_m[first])) for first, last, _ in spans])
@@ -231,7 +234,7 @@ def _blocks(reading: Reading, lag: Known) -> FloatArray:
         for rows in np.array_split(np.arange(first, last + 1), count):
             reach = slice(max(first, int(rows[0]) - 2), min(last, int(rows[-1]) + 2) + 1)
             away_s = time_s[reach] - time_s[reach].mean()
-            rate = float(away_s @ force_n[reach]) / float(away_s @ away_s)
+            rate = float(away_s @ followed_n[reach]) / float(away_s @ away_s)
             columns.append(
                 (
                     float(time_s[rows].mean()), float(position_m[rows].mean()), rate, float(force_n[rows].mean()),
