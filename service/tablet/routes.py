@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from http import HTTPStatus
 from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Response
+from fastapi.responses import RedirectResponse
 
 from drivers.addresses import Mode
 from service.config.plant import Plant
@@ -75,6 +77,13 @@ async def valves_page(
     """Show the valves, worst first, and what changed since yesterday."""
     values = await asyncio.to_thread(_valves_shown, source, earlier, wish, due_checks(source.plant, datetime.now(UTC)))
     return pages.show("valves.html", visitor, values)
+
+
+@router.get("/ui")
+@router.get("/ui/")
+async def entrance() -> Response:
+    """Lead to the list of the valves, as an address that is cut short means it."""
+    return RedirectResponse("/", HTTPStatus.SEE_OTHER)
 
 
 def _valves_shown(

@@ -114,6 +114,8 @@ async def test_a_store_of_the_first_schema_is_migrated_in_place_and_served(
         assert body_of(await client.get("/valves/FV-101/trend"))["trends"] == [], "the next test begins the trend"
         assert (await client.get("/ui/valves/FV-101")).status_code == 200
         assert "FV-101" in (await client.get("/")).text
+        for cut_short in ("/ui", "/ui/"):
+            assert (await client.get(cut_short)).headers["location"] == "/"
     engine = _engine(make_url(plant.service.database.with_password() if plant.service.database else _sqlite(plant)))
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar_one() == newest_revision()
