@@ -56,6 +56,7 @@ _LOOSE_PACKING: Final = say(
     "Measure the bench set: the pressures at which the stem starts and ends, with the packing loose.",
 )
 _SLOW_S: Final = 0.1  # a lag that quick sweeps leave rows for
+_SEVERAL: Final = 1.5  # times the slow rate of the force
 _LATER: Final = 1.3  # times what corners show
 _SHOWN_LAG_S: Final = 0.02
 _LAG_OF_ENGINE: Final = 0.2  # of it: its error
@@ -155,15 +156,24 @@ def diagnose(
 def _lag(reading: Reading, estimate: Estimate | None) -> Known:
     """How late the stem follows, s: by its corners, or by the engine's F_v / k where that is clearly more.
 
-    A stem that is damped so much that it rests at once where the force turns has no tail there, or a poor one.
+    A stem that is damped so much that it rests at once where the force turns has no tail there, or a poor one. At one
+    speed the engine has no other source either.
     """
     lag = lag_after_corners(reading)
-    if estimate is None:
+    if estimate is None or not _at_several_speeds(reading):
         return lag
     damping, spring = (estimate.value(symbol) for symbol in ("F_v", "k"))
     if damping is None or not spring or damping / spring < _LATER * max(lag.value, _SHOWN_LAG_S):
         return lag
     return Known(damping / spring, _LAG_OF_ENGINE * damping / spring)
+
+
+def _at_several_speeds(reading: Reading) -> bool:
+    """Whether the force was driven through the moves at clearly different rates."""
+    time_s, force_n = reading.time_s, reading.path.force_n
+    moves = [one for one in reading.segmentation.moves if one.last > one.first]
+    rates = [abs(float((force_n[m.last] - force_n[m.first]) / (time_s[m.last] - time_s[m.first]))) for m in moves]
+    return bool(rates) and float(np.quantile(rates, 0.9)) > _SEVERAL * float(np.quantile(rates, 0.1))
 
 
 def _setting(null: Solved, reading: Reading, nameplate: Nameplate, creeping_m_per_s: float) -> Setting:

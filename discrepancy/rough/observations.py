@@ -219,8 +219,9 @@ def _blocks(reading: Reading, lag: Known) -> FloatArray:
     """Means over pieces of driven motion: time, travel, rate, force, direction, rows, duration, speed; shape (8, n)."""
     time_s, position_m, force_n = reading.time_s, reading.position_m, reading.path.force_n
     period_s = float(np.median(np.diff(time_s)))
-    # what an I/P does by itself drives a damped stem as far as it follows
-    followed_n = lagged(time_s, force_n, lag.value, np.diff(reading.samples.run_first, prepend=0) > 0)
+    followed_n = force_n
+    if lag.value > _HUNTING_S:  # what an I/P does by itself drives so late a stem as far as it follows
+        followed_n = lagged(time_s, force_n, lag.value, np.diff(reading.samples.run_first, prepend=0) > 0)
     columns: list[tuple[float, ...]] = []
     spans = _spans(reading, settled_s(lag.value))
     ways_m = np.array([abs(float(position_m[last] - position_m[first])) for first, last, _ in spans])
