@@ -141,7 +141,7 @@ def _course(recording: Recording) -> tuple[_Course, float] | None:
     )
     way = np.abs(command - command[0])
     forgotten = np.flatnonzero(way > _FORGETS * float(way.max()))
-    if forgotten[0] > even_s.size // 2:
+    if forgotten.size and forgotten[0] > even_s.size // 2:
         forgotten = np.flatnonzero(way > _FORGETS_BAND)
     if forgotten.size == 0:
         return None

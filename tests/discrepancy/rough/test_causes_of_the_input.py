@@ -70,6 +70,14 @@ def test_a_loop_is_seen_that_begins_in_its_middle() -> None:
     assert found[1].value == pytest.approx(0.1 * 80.0e3, rel=0.02)
 
 
+def test_a_command_that_hardly_ever_moves_shows_no_loop() -> None:
+    # one row apart from the others falls between the even times
+    command_pa = np.full(2001, 50.0e3)
+    command_pa[-1] = 90.0e3
+    time_s = np.linspace(0.0, 40.0, 2001)
+    assert command_loop(Recording(time_s, np.zeros(2001), command_pa + 10.0, command_pa=command_pa)) is None
+
+
 @pytest.mark.parametrize("scatter", [0.2, pytest.param(0.3, marks=pytest.mark.long)])
 def test_breakaways_that_scatter_more_than_packings_do_are_named(scatter: float) -> None:
     found = _found("nominal", "multi_rate", 43, packing={"breakaway_scatter": scatter})
