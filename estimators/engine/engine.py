@@ -123,11 +123,10 @@ class RoughFrictionEstimator:
             return failed(METHOD, Outcome.UNPHYSICAL)
         whole = None
         if static is not None and not basis.leaps and not basis.yields_m:
-            whole = _motion(basis, reading, basis.lag, static, self.settings)
+            whole = _motion(basis, reading, static, self.settings)
             late = reading.path.by_converter
             if late is not None:
-                other = _motion(basis, replace(reading, path=late), basis.lag, static, self.settings)
-                whole = _likelier(whole, other)
+                whole = _likelier(whole, _motion(basis, replace(reading, path=late), static, self.settings))
         if whole is not None and _disagree(found, whole):
             whole = None
         said = _said(rows)
@@ -141,10 +140,10 @@ class RoughFrictionEstimator:
         return _at_one_speed(estimate, drive) if drive is not None else estimate
 
 
-def _motion(basis: Basis, reading: Reading, lag: Known, static: StaticFriction, settings: Settings) -> Dynamic | None:
-    """Return what the motion shows with the force of this reading, behind which the stem is late by ``lag``, s."""
+def _motion(basis: Basis, reading: Reading, static: StaticFriction, settings: Settings) -> Dynamic | None:
+    """Return what the motion shows with the force of this reading."""
     driven, path = (reading, basis.path) if basis.path else with_gauged_path(reading)
-    return dynamic(driven, lag, basis.found, static, path, limit_share=basis.limit_share, settings=settings)
+    return dynamic(driven, basis.lag, basis.found, static, path, limit_share=basis.limit_share, settings=settings)
 
 
 def _likelier(one: Dynamic | None, other: Dynamic | None) -> Dynamic | None:

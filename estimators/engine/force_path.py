@@ -281,6 +281,7 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
     slopes = [gain[1] * (passed(np.asarray(found.x) + step)[0] - shape) / _VARIED_S for step in steps]
     covariance = coloured_covariance(np.column_stack([np.ones(shape.size), shape, *slopes]), left_n, time_s)
     commanded_n = gain[0] + gain[1] * command
+    hunting_n = _hunting(time_s, left_n)
 
     def path(sharp: bool) -> ForcePath:
         turning_n = commanded_n if sharp else force_n
@@ -288,7 +289,7 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
         bends_s = np.empty(0) if sharp else turns(time_s, commanded_n, 0.0, range_n) + dead_s
         return ForcePath(
             Source.COMMAND,
-            turning_n + _hunting(time_s, left_n),
+            turning_n + hunting_n,
             0.0,
             turns(time_s, turning_n, 0.0, range_n),
             left_n,
