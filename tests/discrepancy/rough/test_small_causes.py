@@ -1,0 +1,20 @@
+"""A cause far below what packings vary by, in one that is even, and the same packing without it."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.bench.judge.__main__ import diagnosed
+from tests.bench.judge.cases import case
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "names"),
+    [("perfect", 5, ["friction_gradient"]), ("perfect", 17, ["dual_rate_spring"]), ("healthy", 13, [])],
+)
+def test_one_percent_of_the_friction_is_named_and_what_transients_leave_is_not(
+    kind: str, seed: int, names: list[str]
+) -> None:
+    # at 1.5 % of F_c neither cause was named, at 0.2 % the healthy valve had a tight spot
+    analysis, _ = diagnosed(case(kind, seed))
+    assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == names
