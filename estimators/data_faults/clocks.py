@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -29,6 +30,11 @@ _LEAST_TURNS: Final = 5
 _MOST_APART_S: Final = 1.0
 _SPREADS: Final = 3.0  # so many times the scatter of the turns do the clocks come apart
 _POINTS: Final = 240  # that a corner is found among
+# How long a pressure may stand still where it turns, behind a dead band or on a hold: of what is seen to a side.
+_HELD: Final = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 0.9])
+_FINER: Final = np.array([0.03, 0.003])  # of the same: how near the corner is sought next
+_CLEARER: Final = 0.5  # of the misfit without such a hold
+_FLAT: Final = 1.0e-12  # of a design that is singular, as where a corner has no rows behind it
 _ERRORS: Final = 6.0
 _FAR_LESS: Final = 0.3  # of what pressure and stem come apart by
 _LEAST_DRIFT_S: Final = 0.02
@@ -272,14 +278,18 @@ def _apart_s(recording: Recording, first: int, turn: int, last: int, other: Floa
     reach = max(8, min(turn - first, last - turn) // 3)
     rows = slice(max(0, turn - reach), min(time_s.size, turn + reach + 1))
     at_s = time_s[rows] - time_s[turn]
-    corner_s = _corner_s(at_s, pressure_pa[rows], flat_after=False)
+    corner_s = _corner_s(at_s, pressure_pa[rows], rests=False)
     follows = recording.position_m if other is None else other
-    stop_s = _corner_s(at_s, follows[rows], flat_after=other is None)
+    stop_s = _corner_s(at_s, follows[rows], rests=other is None)
     return None if corner_s is None or stop_s is None else stop_s - corner_s
 
 
-def _corner_s(at_s: FloatArray, values: FloatArray, *, flat_after: bool) -> float | None:
-    """Return when two lines meet that fit the values on both sides, s from the middle; None where none do."""
+def _corner_s(at_s: FloatArray, values: FloatArray, *, rests: bool) -> float | None:
+    """Return when the values turn from one line to another, s from the middle; None where they do not.
+
+    If they hold in between, it is when they begin to. What ``rests`` holds until the end, else it turns back at once,
+    unless a hold of another length is clearer.
+    """
     known = np.isfinite(values)
     at_s, values = at_s[known], values[known]
     if at_s.size < 12:
@@ -289,24 +299,39 @@ def _corner_s(at_s: FloatArray, values: FloatArray, *, flat_after: bool) -> floa
         kept = together * (at_s.size // together)
         at_s, values = (one[:kept].reshape(-1, together).mean(axis=1) for one in (at_s, values))
     reach_s = float(min(-at_s[0], at_s[-1]))
-    best: tuple[float, float] | None = None
-    total = float(np.sum((values - values.mean()) ** 2))
-    for corner_s in np.linspace(-0.6 * reach_s, 0.6 * reach_s, 81):
-        best = min(filter(None, (best, _hinge(at_s, values, float(corner_s), flat_after=flat_after))))
-    assert best is not None
-    step_s = 1.2 * reach_s / 80.0
-    for corner_s in best[1] + step_s * np.linspace(-1.0, 1.0, 41):
-        best = min(best, _hinge(at_s, values, float(corner_s), flat_after=flat_after))
-    if best[0] > 0.05 * total or abs(best[1]) > 0.55 * reach_s:
+    values = values - values.mean()
+    total = float(values @ values)
+    left, corner_s = _sought(at_s, values, reach_s, np.array([2.0 * reach_s if rests else 0.0]))
+    held, held_from_s = _sought(at_s, values, reach_s, _HELD * reach_s)
+    if held < _CLEARER * left:
+        left, corner_s = held, held_from_s
+    if left > 0.05 * total or abs(corner_s) > 0.55 * reach_s:
         return None
-    return best[1]
+    return corner_s
 
 
-def _hinge(at_s: FloatArray, values: FloatArray, corner_s: float, *, flat_after: bool) -> tuple[float, float]:
-    """Return the squared misfit of two lines that meet at ``corner_s``, the second one level, and the corner."""
-    columns = [np.ones_like(at_s), np.minimum(at_s - corner_s, 0.0)]
-    if not flat_after:
-        columns.append(np.maximum(at_s - corner_s, 0.0))
-    matrix = np.column_stack(columns)
-    solution, *_ = np.linalg.lstsq(matrix, values, rcond=None)
-    return float(np.sum((values - matrix @ solution) ** 2)), corner_s
+def _sought(at_s: FloatArray, values: FloatArray, reach_s: float, holds_s: FloatArray) -> tuple[float, float]:
+    """Return the least squared misfit of two lines with a hold between them, of those to try, s, and the corner, s."""
+    corners_s, is_free = 0.6 * reach_s * np.linspace(-1.0, 1.0, 41), holds_s.size > 1
+    left, corner_s = math.inf, 0.0
+    for step_s in [*(_FINER * reach_s).tolist(), 0.0]:
+        corners, holds = (one.ravel() for one in np.meshgrid(corners_s, holds_s))
+        misfits = _hinges(at_s, values, corners, holds)
+        best = int(np.argmin(misfits))
+        left, corner_s, hold_s = float(misfits[best]), float(corners[best]), float(holds[best])
+        corners_s = corner_s + step_s * np.linspace(-1.0, 1.0, 21)
+        if is_free:
+            holds_s = np.maximum(hold_s + 4.0 * step_s * np.linspace(-1.0, 1.0, 17), 0.0)
+    return left, corner_s
+
+
+def _hinges(at_s: FloatArray, values: FloatArray, corners_s: FloatArray, holds_s: FloatArray) -> FloatArray:
+    """Squared misfits of two lines with a hold between them, shape (c,) as the corners."""
+    since_s = at_s - corners_s[:, None]
+    beyond_s = np.maximum(since_s - holds_s[:, None], 0.0)
+    design = np.stack([np.ones_like(since_s), np.minimum(since_s, 0.0), beyond_s], axis=-1)
+    answer = design.transpose(0, 2, 1) @ values
+    normal = design.transpose(0, 2, 1) @ design
+    held = _FLAT * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    found = np.linalg.solve(normal + held, answer[..., None])[..., 0]
+    return np.asarray(values @ values - np.sum(answer * found, axis=-1))

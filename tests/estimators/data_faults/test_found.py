@@ -202,6 +202,19 @@ def test_a_stem_that_runs_into_stops_on_quicker_and_quicker_ramps_is_no_clock() 
     assert ("own_clock", "pressure_pa") not in reasons(recording)
 
 
+def test_a_positioner_with_a_dead_band_on_quicker_and_quicker_ramps_is_no_clock() -> None:
+    # the pressure stands still where it turns, and the stem with it: the middle of that was taken for the turn
+    turns_s = np.cumsum([0.0, 10.0, 10.0, 5.0, 5.0, 3.0, 3.0, 2.0, 2.0, 1.5, 1.5, 1.2, 1.2, 1.0, 1.0])
+    time_s = np.arange(0.0, turns_s[-1], 1.0e-3)
+    follows = np.interp(time_s, turns_s, np.arange(15) % 2)
+    pressure_pa, stem, acts, at = np.empty(time_s.size), np.empty(time_s.size), 0.5, 0.5
+    for row, level in enumerate(follows):
+        acts = min(max(acts, level - 0.05), level + 0.05)
+        at = min(max(at, acts - 0.08), acts + 0.08)
+        pressure_pa[row], stem[row] = 80.0e3 * acts, 0.1 * at
+    assert reasons(Recording(time_s, stem, pressure_pa)) == []
+
+
 @pytest.mark.parametrize("rate", [3.0e-3, 1.0e-3, -1.0e-3])
 def test_a_pressure_on_a_clock_of_its_own_is_set_onto_the_positions(rate: float) -> None:
     recording = logged()
