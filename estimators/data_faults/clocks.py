@@ -36,8 +36,11 @@ _FINER: Final = np.array([0.03, 0.003])  # of the same: how near the corner is s
 _CLEARER: Final = 0.5  # of the misfit without such a hold
 _FLAT: Final = 1.0e-12  # of a design that is singular, as where a corner has no rows behind it
 _ERRORS: Final = 6.0
-_FAR_LESS: Final = 0.3  # of what pressure and stem come apart by
 _LEAST_DRIFT_S: Final = 0.02
+_BETTER: Final = 0.95  # of what the balance of forces leaves: so much a clock that is put right mends
+_SPEED_S: Final = 0.05  # to both sides, that show a speed
+_MOVES: Final = 0.05  # of the usual speed
+_LEAST_MOVING: Final = 100  # rows
 _ENOUGH_ROWS: Final = 20_000  # to find the reversals among
 _TURN_OF_SPAN: Final = 0.15  # a reversal of the pressure goes so far to both sides
 
@@ -183,15 +186,14 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     pressure_pa = recording.pressure_pa
     if pressure_pa is None or recording.samples < 500:
         return recording, []
-    turns = _turns(pressure_pa)
     at_s, apart_s, upper = [], [], []
-    for first, turn, last in turns:
+    for first, turn, last in _turns(pressure_pa):
         found = _apart_s(recording, first, turn, last)
         if found is not None and abs(found) < _MOST_APART_S:
             at_s.append(float(recording.time_s[turn]))
             apart_s.append(found)
             upper.append(float(pressure_pa[turn] > pressure_pa[first]))
-    if len(at_s) < _LEAST_TURNS or _keeps_step(recording, turns, float(np.ptp(apart_s))):
+    if len(at_s) < _LEAST_TURNS:
         return recording, []
     when_s, late_s = np.array(at_s), np.array(apart_s)
     # above and below a stem may stop at another delay: at a stop, or as friction differs
@@ -209,6 +211,9 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     known = np.isfinite(pressure_pa)
     moved_pa = np.interp(recording.time_s, shifted_s[known], pressure_pa[known], left=np.nan, right=np.nan)
     moved_pa[~known] = np.nan
+    moved = replace(recording, pressure_pa=moved_pa)
+    if not _left_pa(moved) < _BETTER * _left_pa(recording):
+        return recording, []
     runs_by = (
         say("runs_fast", "{rate:.3g ms} a second fast", rate=abs(rate))
         if rate < 0.0
@@ -227,18 +232,26 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     fault = DataFault(
         "pressure_pa", "own_clock", 0, sentence, {"rate": (float(rate), "s/s"), "drift_s": (drift_s, "s")}
     )
-    return replace(recording, pressure_pa=moved_pa), [fault]
+    return moved, [fault]
 
 
-def _keeps_step(recording: Recording, turns: list[tuple[int, int, int]], apart_s: float) -> bool:
-    """Whether pressure and command come apart by far less than pressure and stem, s: then they share a clock.
-
-    It is the stem then that stops at other times, as one that runs into a stop does on ramps of several rates.
-    """
-    if recording.command_pa is None:
-        return False
-    late_s = [found for one in turns if (found := _apart_s(recording, *one, recording.command_pa)) is not None]
-    return len(late_s) >= _LEAST_TURNS and float(np.ptp(late_s)) < _FAR_LESS * apart_s
+def _left_pa(recording: Recording) -> float:
+    """What place, way and speed leave of the pressure while the stem moves, Pa rms: least on the right clock."""
+    time_s, position_m, pressure_pa = recording.time_s, recording.position_m, recording.pressure_pa
+    assert pressure_pa is not None
+    step = max(1, time_s.size // _ENOUGH_ROWS)
+    reach = max(1, round(_SPEED_S / (step * recording.sample_period_s)))
+    own_s, own_m, own_pa = time_s[::step], position_m[::step], pressure_pa[::step]
+    speed = (own_m[2 * reach :] - own_m[: -2 * reach]) / (own_s[2 * reach :] - own_s[: -2 * reach])
+    inner = slice(reach, -reach)
+    known = np.isfinite(speed) & np.isfinite(own_m[inner]) & np.isfinite(own_pa[inner])
+    moves = known & (np.abs(speed) > _MOVES * float(np.quantile(np.abs(speed[known]), 0.95))) if known.any() else known
+    if np.count_nonzero(moves) < _LEAST_MOVING:
+        return math.inf
+    ways = [np.ones_like(speed), own_m[inner], np.sign(speed), speed]
+    design, asked_pa = np.column_stack(ways)[moves], own_pa[inner][moves]
+    found, *_ = np.linalg.lstsq(design, asked_pa, rcond=None)
+    return float(np.sqrt(np.mean((asked_pa - design @ found) ** 2)))
 
 
 def _turns(channel: FloatArray) -> list[tuple[int, int, int]]:
@@ -268,19 +281,15 @@ def _turns(channel: FloatArray) -> list[tuple[int, int, int]]:
     return [(int(rows[ends[at - 1]]), int(rows[ends[at]]), int(rows[ends[at + 1]])) for at in inner]
 
 
-def _apart_s(recording: Recording, first: int, turn: int, last: int, other: FloatArray | None = None) -> float | None:
-    """Return by how much later than the pressure turns the stem stops, s; None where it was not on its way.
-
-    With an ``other`` channel, shape (n,), by how much later that one turns.
-    """
+def _apart_s(recording: Recording, first: int, turn: int, last: int) -> float | None:
+    """Return by how much later than the pressure turns the stem stops, s; None where it was not on its way."""
     assert recording.pressure_pa is not None
     time_s, pressure_pa = recording.time_s, recording.pressure_pa
     reach = max(8, min(turn - first, last - turn) // 3)
     rows = slice(max(0, turn - reach), min(time_s.size, turn + reach + 1))
     at_s = time_s[rows] - time_s[turn]
     corner_s = _corner_s(at_s, pressure_pa[rows], rests=False)
-    follows = recording.position_m if other is None else other
-    stop_s = _corner_s(at_s, follows[rows], rests=other is None)
+    stop_s = _corner_s(at_s, recording.position_m[rows], rests=True)
     return None if corner_s is None or stop_s is None else stop_s - corner_s
 
 
