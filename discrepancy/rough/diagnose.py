@@ -21,7 +21,7 @@ from discrepancy.rough.findings import extended_model, findings
 from discrepancy.rough.force_wander import wanders_alike
 from discrepancy.rough.latent import latent_friction, strongest, way_words
 from discrepancy.rough.misfit import misfit
-from discrepancy.rough.observations import is_settled, observations
+from discrepancy.rough.observations import as_measured, is_settled, observations
 from discrepancy.rough.pictures import pictures
 from discrepancy.rough.prediction import Gain, Predictor
 from discrepancy.rough.remarks import remarks
@@ -34,8 +34,7 @@ from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Estimate, Outcome
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
-from estimators.engine.reading import Reading, read
-from estimators.engine.rows import measured_rows
+from estimators.engine.reading import Reading
 from estimators.engine.yielding import WAY
 from valve.messages import Message, joined, say
 from valve.nameplate import Nameplate
@@ -94,7 +93,7 @@ def diagnose(
     nameplate = nameplate if model is None else model.nameplate(nameplate)
     # behind a dead band or a loop the pressure is no delayed command: then it is read without
     followed = recording if command_loop(recording) is None else replace(recording, command_pa=None)
-    reading = read(measured_rows(followed).recording, nameplate)
+    reading = as_measured(followed, nameplate)
     if isinstance(reading, Outcome):
         return _not_assessed(
             say("no_motion_to_judge", "the recording shows no motion that could be judged: {why}", why=reading.message)

@@ -5,20 +5,24 @@ In a block the actuator's force is k x + F_0 + s (F_c + friction) - forces; at a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from estimators.base import Outcome
 from estimators.engine.balance import ramps
 from estimators.engine.breakaways import breakaways
 from estimators.engine.force_path import lagged
 from estimators.engine.laws import Law, Where
 from estimators.engine.parameters import Known
-from estimators.engine.reading import Reading
+from estimators.engine.reading import Reading, read
+from estimators.engine.rows import measured_rows
 from estimators.engine.yielding import slides
+from valve.nameplate import Nameplate
+from valve.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -35,6 +39,7 @@ _AFTER_BREAKAWAY_S: Final = 0.08  # the mass and the sensor's filter show in wha
 _SETTLED: Final = 8.0  # lags after a breakaway or a corner nothing is left of it
 _LONGEST_SETTLED_S: Final = 4.0
 _LATER_S: Final = 0.03  # than rows were read for, of which little is left in them
+_FADED: Final = 6.0  # lags after a breakaway less is left of it than a packing as even as any varies by
 _BEFORE_CORNER_S: Final = 0.03
 _LATE_S: Final = 1.0e-3  # what is left of transients in quick sweeps, as a delay
 _INSTANT: Final = 0.5  # of a row's period: how well a breakaway's instant is seen
@@ -125,9 +130,20 @@ class Observations:
         return total
 
 
+def as_measured(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
+    """Return what a recording shows, its force as late as it was measured, be that the gauge's or the I/P's.
+
+    The balance is of the measured force, and a stem that is simulated under it must be driven by the same.
+    """
+    reading = read(measured_rows(recording).recording, nameplate)
+    if isinstance(reading, Outcome) or reading.path.by_converter is None:
+        return reading
+    return replace(reading, path=reading.path.by_converter)
+
+
 def is_settled(lag: Known, late_s: float) -> bool:
     """Whether rows that were read for this lag leave out the transients of a stem that follows so much later, s."""
-    return settled_s(late_s) <= settled_s(lag.value + _LATER_S)
+    return settled_s(late_s) <= settled_s(lag.value + _LATER_S) and settled_s(lag.value) >= _FADED * late_s
 
 
 def settled_s(late_s: float) -> float:

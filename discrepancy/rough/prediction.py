@@ -13,15 +13,14 @@ import numpy.typing as npt
 from discrepancy.rough.causes.base import Cause, Shape
 from discrepancy.rough.causes.seen import Seen
 from discrepancy.rough.evidence import Problem, Solved, of_rows, problem_of, solved
-from discrepancy.rough.observations import Observations, observations
+from discrepancy.rough.observations import Observations, as_measured, observations
 from discrepancy.rough.selection import column_of
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95, Estimate, Outcome
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
-from estimators.engine.reading import Reading, read
+from estimators.engine.reading import Reading
 from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
-from estimators.engine.rows import measured_rows
 from valve.effects.base import Effect
 from valve.errors import ParameterError, ValveError
 from valve.extended_motion import ExtendedStem
@@ -219,7 +218,7 @@ class Predictor:
 
     def elsewhere(self, name: str, recording: Recording) -> Gain | None:
         """Return the gain on another recording, None where it cannot be read."""
-        reading = read(measured_rows(recording).recording, self.nameplate)
+        reading = as_measured(recording, self.nameplate)
         if isinstance(reading, Outcome):
             return None
         lag = lag_after_corners(reading)

@@ -26,6 +26,7 @@ from valve.messages import say
 LIMIT_S: Final = 0.04
 _SURE: Final = 20.0  # of minus twice the logarithm of the likelihood, beyond the best valve whose reading does not lag
 _NEARLY: Final = 60.0  # of the same: fits as likely
+_RAMPS: Final = 0.1  # of the lag that ramps show: its error
 _QUICK: Final = 0.5  # of the limit: a stem that follows so soon has no reading that lags
 _FITS: Final = 1.6  # chi beyond which the motion was not understood
 _MASS_SPREAD: Final = 0.3  # of its logarithm, about the nameplate's
@@ -61,10 +62,11 @@ class PositionLag(SeenCause):
         others = [one for one in fits if _filter_s(one).value <= LIMIT_S]
         if not lagging:
             return None
-        least = min(one.surprise for one in lagging)
+        least = min(_surprise(one, late) for one in lagging)
         # a few sections leave open a heavy stem beside a shorter lag: of fits as likely the one that leaves less
-        best = min((one for one in lagging if one.surprise <= least + _NEARLY), key=lambda one: one.chi)
-        if best.chi > _FITS or best.surprise > min((one.surprise for one in others), default=math.inf) - _SURE:
+        best = min((one for one in lagging if _surprise(one, late) <= least + _NEARLY), key=lambda one: one.chi)
+        other = min((_surprise(one, late) for one in others), default=math.inf)
+        if best.chi > _FITS or _surprise(best, late) > other - _SURE:
             return None
         found = _filter_s(best)
         at = best.unknowns.parameters
@@ -76,6 +78,13 @@ class PositionLag(SeenCause):
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return say("position_reading_lags", "The position reading lags by {lag}.", lag=fitted["lag_s"].in_words("ms"))
+
+
+def _surprise(found: Found, late: Known) -> float:
+    """Minus twice the logarithm of the likelihood, of the motion and of how late the ramps are together, s."""
+    at = found.unknowns.parameters
+    whole_s = math.exp(at[LN_V] - at[LN_K]) + _filter_s(found).value
+    return found.surprise + ((whole_s - late.value) / math.hypot(late.std_error, _RAMPS * late.value)) ** 2
 
 
 def _filter_s(found: Found) -> Fitted:
