@@ -40,6 +40,7 @@ _ROW_S: Final = 0.01
 _MASS_KG: Final = 2.0
 _LIMIT_M_PER_S: Final = 2.0e-4
 _LEAST_DAMPING: Final = 1.0
+_RESTED_S: Final = 3600.0  # before a test
 _ANOTHER_DAY_S: Final = 1.0e7  # the wander of another recording is another one
 _WORSE: Final = 1.1  # times the error before: by chance a right cause predicts this much worse
 _FAR_WORSE: Final = 2.0
@@ -135,7 +136,8 @@ def simulated(valve: ExtendedValve, reading: Reading) -> tuple[FloatArray, Float
         last = int(reading.samples.run_last[first])
         run = slice(first, last + 1, step)
         time_s = reading.time_s[run]
-        start = ExtendedState(StemState(float(reading.position_m[first : min(first + step, last + 1)].mean()), 0.0))
+        place = StemState(float(reading.position_m[first : min(first + step, last + 1)].mean()), 0.0)
+        start = ExtendedState(place, rest_since_s=float(reading.time_s[0]) - _RESTED_S)
         times_s.append(time_s)
         shown_m.append(stem.motion(start, time_s, reading.path.force_n[run], time_s).sensed_m)
     return np.concatenate(times_s), np.concatenate(shown_m)
