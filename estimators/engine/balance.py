@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -49,6 +49,7 @@ _RATE_REACH_S: Final = 0.5  # the same for the rate of a force that bends
 _STRAIGHT: Final = 0.02  # of its range: a force that leaves its line by less is a ramp
 _WAITS: Final = 0.3  # of the rate of the rows that go on: less is a force that waits
 _FEWEST_OF_DRIVE: Final = 4
+_AVERAGED: Final = 80  # places of each direction, over the travel swept
 _SEARCH: Final = {"maxiter": 30, "ftol": 1.0e-6}
 
 
@@ -70,11 +71,31 @@ class Blocks:
         return int(self.time_s.size)
 
 
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """The travel that the stem swept, m, and the time recorded, s: what F_c and F_0 are told as averages over."""
+
+    low_m: float
+    high_m: float
+    begin_s: float
+    end_s: float
+
+
+def swept(reading: Reading) -> Swept | None:
+    """Return what the stem of a reading swept; None for a drive without a spring, whose strokes are alike."""
+    if reading.spring_n_per_m <= 0.0:
+        return None
+    moves = [reading.position_m[one.first : one.last + 1] for one in reading.segmentation.moves]
+    low_m, high_m = min(float(one.min()) for one in moves), max(float(one.max()) for one in moves)
+    return Swept(low_m, high_m, float(reading.time_s[0]), float(reading.time_s[-1]))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """What the balance gives; F_c and F_0 are the averages over the travel swept and the time recorded.
+    """What the balance gives; F_c and F_0 are the averages over the blocks.
 
-    ``joint`` is the covariance of (k, F_0, F_c, F_v) so averaged.
+    ``joint`` is the covariance of (k, F_0, F_c, F_v) so averaged. ``whole`` is the same as averages over the travel
+    swept and the time recorded, None where that is not asked for.
     """
 
     symbols: tuple[str, ...]
@@ -84,11 +105,16 @@ class Balance:
     smoothness: int
     prior: RoughnessPrior
     blocks: Blocks
+    whole: Balance | None = None
 
     def known(self, symbol: str) -> Known:
         """Return value and standard error of this symbol."""
         at = self.symbols.index(symbol)
         return Known(float(self.values[at]), float(math.sqrt(max(self.joint[at, at], 0.0))))
+
+    def over_travel(self, symbol: str) -> Known:
+        """Return value and standard error of this symbol over all that was swept and recorded."""
+        return (self.whole or self).known(symbol)
 
 
 def ramps(reading: Reading, first: int, last: int, settled_s: float, driven_s: float) -> list[tuple[int, int]]:
@@ -305,11 +331,13 @@ def balance(
     force_noise_n: float,
     lag: Known,
     fewest_blocks: int = 8,
+    over: Swept | None = None,
 ) -> Balance | None:
     """Return the balance of these blocks, None where they do not determine it.
 
     ``noise_m`` is the position's white noise of a row, ``travel_m`` the rated travel, ``force_noise_n`` the
     force's error of a block. ``lag`` is what is known beforehand of how late the stem follows the force, s.
+    ``over`` is the travel swept and the time recorded, for what F_c and F_0 are there.
     """
     symbols = ("k", "F_0", "F_c", "F_v") if has_spring else ("F_0", "F_c")
     if blocks.count < (fewest_blocks if has_spring else _FEWEST_OF_DRIVE) or np.unique(blocks.direction).size < 2:
@@ -326,7 +354,9 @@ def balance(
     spring = abs(float(roughly[0])) if has_spring else 0.0
     variance = (spring * noise_m) ** 2 / blocks.rows + force_noise_n**2
     problem = problem_of(blocks, columns, variance, {symbols.index("F_v"): lag} if has_spring else {})
-    return _averaged(problem, symbols, likeliest(problem, prior), prior)
+    found = likeliest(problem, prior)
+    at_blocks = _averaged(problem, symbols, found, prior, None)
+    return at_blocks if over is None else replace(at_blocks, whole=_averaged(problem, symbols, found, prior, over))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -356,23 +386,42 @@ def likeliest(problem: Problem, prior: RoughnessPrior) -> Likeliest:
     return Likeliest(found, roughness_of(at), smoothness)
 
 
-def _averaged(problem: Problem, symbols: tuple[str, ...], found: Likeliest, prior: RoughnessPrior) -> Balance:
-    """Move the field's average over the travel swept into F_c and F_0."""
+def _averaged(
+    problem: Problem, symbols: tuple[str, ...], found: Likeliest, prior: RoughnessPrior, over: Swept | None
+) -> Balance:
+    """Move the field's average over the blocks, or over the travel swept, into F_c and F_0.
+
+    Blocks may show a part of it, as where a stem slips far at each end: what friction is elsewhere is as unsure as it
+    varies.
+    """
     blocks, design, scale, fit = problem.blocks, problem.design, problem.scale, found.fit
-    up, down = blocks.direction > 0.0, blocks.direction < 0.0
-    # s f averaged over each direction's blocks; F_c takes half the difference, F_0 half the sum
-    weight_up = np.where(up, blocks.duration_s, 0.0) / blocks.duration_s[up].sum()
-    weight_down = np.where(down, blocks.duration_s, 0.0) / blocks.duration_s[down].sum()
-    average = np.zeros((len(symbols), blocks.count))
+    if over is None:
+        direction, weight = blocks.direction, blocks.duration_s
+        everywhere = fit.covariance.fields.field
+        across, among = everywhere, everywhere
+    else:
+        direction, weight = np.repeat([1.0, -1.0], _AVERAGED), np.ones(2 * _AVERAGED)
+        places_m = np.tile(np.linspace(over.low_m, over.high_m, _AVERAGED), 2)
+        times_s = np.tile(np.linspace(over.begin_s, over.end_s, _AVERAGED), 2)
+        everywhere = field_covariance(
+            np.concatenate([blocks.travel_m, places_m]),
+            np.concatenate([blocks.time_s, times_s]),
+            np.concatenate([blocks.direction, direction]),
+            found.roughness,
+            found.smoothness,
+        ).field
+        across, among = everywhere[blocks.count :, : blocks.count], everywhere[blocks.count :, blocks.count :]
+    up, down = direction > 0.0, direction < 0.0
+    # s f averaged over each direction; F_c takes half the difference, F_0 half the sum
+    weight_up = np.where(up, weight, 0.0) / weight[up].sum()
+    weight_down = np.where(down, weight, 0.0) / weight[down].sum()
+    average = np.zeros((len(symbols), direction.size))
     average[symbols.index("F_c")] = 0.5 * (weight_up - weight_down)
     average[symbols.index("F_0")] = 0.5 * (weight_up + weight_down)
-    field = fit.covariance.fields.field
-    gain = field @ fit.covariance.inverse
-    mean = gain @ fit.left
-    values = fit.theta / scale + average @ mean
-    remains = field - gain @ field
+    gain = across @ fit.covariance.inverse
+    values = fit.theta / scale + average @ (gain @ fit.left)
     moved = np.diag(1.0 / scale) - average @ gain @ design
-    joint = average @ remains @ average.T + moved @ fit.theta_covariance @ moved.T
+    joint = average @ (among - gain @ across.T) @ average.T + moved @ fit.theta_covariance @ moved.T
     return Balance(symbols, values, joint, found.roughness, found.smoothness, prior, blocks)
 
 

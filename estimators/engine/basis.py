@@ -10,7 +10,7 @@ from typing import Final
 from estimators.base import (
     Outcome,
 )
-from estimators.engine.balance import Balance, Blocks, balance, driven_blocks
+from estimators.engine.balance import Balance, Blocks, balance, driven_blocks, swept
 from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
 from estimators.engine.commanded import command_path, is_commanded, with_likely_path
@@ -133,4 +133,5 @@ def _balance(reading: Reading, lag: Known, blocks: Blocks) -> Balance | None:
         has_spring=reading.spring_n_per_m > 0.0,
         force_noise_n=reading.path.noise_n,
         lag=lag,
+        over=swept(reading),
     )

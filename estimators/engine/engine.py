@@ -186,7 +186,7 @@ def _quantities(
     for symbol in ("k", "F_c", "F_0"):
         if symbol not in found.symbols:
             continue
-        known = found.known(symbol)
+        known = found.over_travel(symbol)
         error = known.std_error if "k" in found.symbols else math.hypot(known.std_error, repeats_to_n(found))
         if whole is not None:
             error = math.hypot(_BESIDE_MOTION * error, creeping.get(symbol, 0.0))
