@@ -128,7 +128,8 @@ def parameters_of(model: Solved, estimate: Estimate | None, nameplate: Nameplate
 def simulated(valve: ExtendedValve, reading: Reading) -> tuple[FloatArray, FloatArray]:
     """Return instants (s) and the position that the valve shows there (m), under the force of this reading.
 
-    After a gap, as between two recordings, the stem begins where it was measured.
+    After a gap, as between two recordings, the stem begins where it was measured. There, and at first, it has long been
+    at rest.
     """
     step = max(1, round(_ROW_S / reading.samples.period_s))
     stem, times_s, shown_m = ExtendedStem(valve), [], []
