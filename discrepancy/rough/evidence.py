@@ -21,7 +21,7 @@ from discrepancy.rough.observations import Observations
 from discrepancy.rough.setting import Setting
 from estimators.engine.breakaways import LATENESS_S
 from estimators.engine.parameters import Known
-from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
+from estimators.engine.roughness import ROUGH, field_covariance, field_slopes, roughness_of
 from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -251,10 +251,10 @@ def _solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> tuple
     scatter_n = math.exp(float(logarithms[6]))
     share = np.where(rows.is_slide, 1.0, problem.share)
     both = np.outer(share, share)
-    covariance = field_covariance(rows.travel_m, rows.time_s, rows.direction, roughness, ROUGH)
+    places = rows.travel_m, rows.time_s, rows.direction
     own = np.where(rows.is_slide, roughness.error_n**2, 0.0)
     scatter = np.where(rows.is_slide, 0.0, scatter_n**2)
-    whole = both * covariance.field + np.diag(rows.variance_n2 + own + scatter)
+    whole = both * field_covariance(*places, roughness, ROUGH) + np.diag(rows.variance_n2 + own + scatter)
     factor = cho_factor(whole, lower=True, check_finite=False)
     inverse = inverse_of(factor[0])
     design = np.hstack([problem.design, columns.values])
@@ -276,13 +276,13 @@ def _solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> tuple
     log_determinant -= 2.0 * float(np.log(scale).sum()) - 2.0 * float(np.log(columns.spread).sum())
     prior, prior_slope = _prior(problem, logarithms)
     cost = 0.5 * (log_determinant + float(left @ weighted) + float(known @ off**2)) + prior
-
-    def slope_by(change: FloatArray) -> float:
-        return 0.5 * (float(np.sum(projection * change)) - float(weighted @ change @ weighted))
-
-    slopes = [slope_by(both * one) for one in covariance.slopes]
-    diagonal = np.diag(projection) - weighted**2
-    slopes += [float(own @ diagonal), float(scatter @ diagonal)]
+    weight = projection - np.outer(weighted, weighted)
+    diagonal = np.diag(weight)
+    slopes = [
+        *(0.5 * field_slopes(*places, roughness, ROUGH, weight=both * weight)),
+        own @ diagonal,
+        scatter @ diagonal,
+    ]
     values, errors = theta * scale, theta_covariance * np.outer(scale, scale)
     found = Solved(problem, columns, logarithms, cost, values, errors, projection, weighted, whole)
     return found, np.array(slopes) + prior_slope

@@ -71,7 +71,7 @@ def _curve(model: Solved, at: FloatArray, sign: float, direction: str | None) ->
         np.concatenate([rows.direction, np.full(at.size, sign)]),
         still,
         ROUGH,
-    ).field
+    )
     share = np.where(rows.is_slide, 1.0, model.problem.share)
     across = everywhere[rows.count :, : rows.count] * share
     force_n = sign * (across @ model.weighted)

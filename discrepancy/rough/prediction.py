@@ -286,7 +286,7 @@ def _predicted(model: Solved, rows: Observations, problem: Problem, laws: Sequen
         np.concatenate([old.direction, rows.direction]),
         roughness_of(model.logarithms[:6]),
         ROUGH,
-    ).field
+    )
     share = np.where(old.is_slide, 1.0, model.problem.share)
     across = everywhere[old.count :, : old.count] * share
     mean_n = design @ model.values + across @ model.weighted

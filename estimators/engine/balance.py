@@ -24,10 +24,10 @@ from estimators.engine.reading import Reading
 from estimators.engine.roughness import (
     ROUGH,
     SMOOTH,
-    FieldCovariance,
     Roughness,
     RoughnessPrior,
     field_covariance,
+    field_slopes,
     roughness_of,
     roughness_prior,
 )
@@ -262,8 +262,9 @@ def problem_of(
 class Covariance:
     """What the forces of the blocks vary by with one set of hyperparameters: the field, and the error beside it."""
 
-    fields: FieldCovariance
-    error_n: float
+    field: FloatArray
+    roughness: Roughness
+    smoothness: int
     inverse: FloatArray
     log_determinant: float
 
@@ -271,11 +272,11 @@ class Covariance:
 def covariance_of(problem: Problem, logarithms: FloatArray, smoothness: int) -> Covariance:
     """Return the covariance with these hyperparameters, logarithms in the order of HYPERPARAMETERS, shape (6,)."""
     blocks, roughness = problem.blocks, roughness_of(logarithms)
-    fields = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
-    whole = fields.field + np.diag(problem.variance + roughness.error_n**2)
+    field = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
+    whole = field + np.diag(problem.variance + roughness.error_n**2)
     factor = cho_factor(whole, lower=True, check_finite=False)[0]
     log_determinant = 2.0 * float(np.log(np.diag(factor)).sum())
-    return Covariance(fields, roughness.error_n, inverse_of(factor), log_determinant)
+    return Covariance(field, roughness, smoothness, inverse_of(factor), log_determinant)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,12 +315,11 @@ def _slope(problem: Problem, found: Fit) -> FloatArray:
     covariance = found.covariance
     weighted, inverse_design = covariance.inverse @ found.left, covariance.inverse @ problem.design
     projection = covariance.inverse - inverse_design @ found.theta_covariance @ inverse_design.T
-    slopes = [
-        0.5 * (float(np.sum(projection * slope)) - float(weighted @ slope @ weighted))
-        for slope in covariance.fields.slopes
-    ]
-    slopes.append(covariance.error_n**2 * (float(np.trace(projection)) - float(weighted @ weighted)))
-    return np.array(slopes)
+    weight = projection - np.outer(weighted, weighted)
+    blocks, roughness = problem.blocks, covariance.roughness
+    places = blocks.travel_m, blocks.time_s, blocks.direction
+    slopes = 0.5 * field_slopes(*places, roughness, covariance.smoothness, weight=weight)
+    return np.append(slopes, roughness.error_n**2 * float(np.trace(weight)))
 
 
 def balance(
@@ -397,7 +397,7 @@ def _averaged(
     blocks, design, scale, fit = problem.blocks, problem.design, problem.scale, found.fit
     if over is None:
         direction, weight = blocks.direction, blocks.duration_s
-        everywhere = fit.covariance.fields.field
+        everywhere = fit.covariance.field
         across, among = everywhere, everywhere
     else:
         direction, weight = np.repeat([1.0, -1.0], _AVERAGED), np.ones(2 * _AVERAGED)
@@ -409,7 +409,7 @@ def _averaged(
             np.concatenate([blocks.direction, direction]),
             found.roughness,
             found.smoothness,
-        ).field
+        )
         across, among = everywhere[blocks.count :, : blocks.count], everywhere[blocks.count :, blocks.count :]
     up, down = direction > 0.0, direction < 0.0
     # s f averaged over each direction; F_c takes half the difference, F_0 half the sum

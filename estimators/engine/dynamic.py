@@ -23,11 +23,12 @@ from estimators.engine.force_path import Source, coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
 from estimators.engine.laws import NO_LAWS, Laws, PathToFit
 from estimators.engine.model import Model, Unknowns
+from estimators.engine.nodes import Sections
 from estimators.engine.noise import position_noise_at_rest
 from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Known, prior_of
 from estimators.engine.reading import Reading
 from estimators.engine.roughness import RoughnessPrior
-from estimators.engine.sections import Sections, sections_of
+from estimators.engine.sections import sections_of
 from estimators.engine.settings import USUAL, Settings
 
 FloatArray = npt.NDArray[np.float64]

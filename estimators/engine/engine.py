@@ -29,10 +29,10 @@ from estimators.engine.breakaways import StaticFriction
 from estimators.engine.commanded import is_commanded, with_gauged_path
 from estimators.engine.dynamic import Dynamic, Quantity, dynamic, latent_friction
 from estimators.engine.force_path import Source
+from estimators.engine.nodes import Sections
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
-from estimators.engine.sections import Sections
 from estimators.engine.segmentation import moving_mean
 from estimators.engine.settings import USUAL, Settings
 from estimators.engine.stepped import stepped

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,6 +16,8 @@ from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+Reader = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 # Lines between knots h apart leave 0.25 (1.7 h / length)^1.5 of the friction's size: where that is far above the noise
 # it looks like other dynamics, and m and F_v come out wrong (make bench ARGS=rough_valves, with 3 knots everywhere).
@@ -46,18 +49,21 @@ class Fields:
         """Number of values."""
         return 2 * self.travel_m.size + self.time_s.size
 
-    def lines(self, path_m: FloatArray, time_s: FloatArray, direction: int) -> tuple[FloatArray, IntArray]:
-        """Shares of the values in the friction at places and times, shape (c, n), and which c values these are."""
+    def beside(self, travel_m: FloatArray, time_s: FloatArray, opening: BoolArray) -> tuple[IntArray, FloatArray]:
+        """Return the four values between which friction lies at n places and times, and their shares, shape (n, 4).
+
+        ``travel_m``, ``time_s`` and ``opening``, whether the stem opens: shape (n,). Shape (n, 0) without knots.
+        """
         travel = self.travel_m.size
         if travel == 0:
-            return np.empty((0, path_m.size)), np.empty(0, np.int64)
-        along, first = _hats(self.travel_m, path_m)
-        in_time, first_time = _hats(self.time_s, time_s)
-        offset = first if direction > 0 else travel + first
-        touched = np.concatenate(
-            [offset + np.arange(along.shape[0]), 2 * travel + first_time + np.arange(in_time.shape[0])]
+            return np.empty((travel_m.size, 0), np.int64), np.empty((travel_m.size, 0))
+        along, share = _between(self.travel_m, travel_m)
+        in_time, share_of_time = _between(self.time_s, time_s)
+        along, in_time = along + np.where(opening, 0, travel), in_time + 2 * travel
+        return (
+            np.column_stack([along, along + 1, in_time, in_time + 1]),
+            np.column_stack([1.0 - share, share, 1.0 - share_of_time, share_of_time]),
         )
-        return np.concatenate([along, in_time]), touched
 
     def within(self, spans_s: list[tuple[float, float]]) -> Fields:
         """Return the fields with the knots in time in these spans alone: an Ornstein-Uhlenbeck process on fewer knots.
@@ -79,36 +85,47 @@ class Fields:
         travel = 2 * self.travel_m.size
         return np.concatenate([values[:travel], np.interp(self.time_s, fewer.time_s, values[travel:])])
 
-    def friction_n(self, path_m: FloatArray, time_s: FloatArray, direction: int, values: FloatArray) -> FloatArray:
-        """Return what friction with these values has beside its mean at places and times, N, shape (n,)."""
+    def friction_n(
+        self, travel_m: FloatArray, time_s: FloatArray, opening: BoolArray, values: FloatArray
+    ) -> FloatArray:
+        """Return what friction with these values has beside its mean at places and times, N, shape (n,).
+
+        ``values``: shape (f,), N.
+        """
         travel = self.travel_m.size
         if travel == 0:
-            return np.zeros(path_m.size)
-        own = values[:travel] if direction > 0 else values[travel : 2 * travel]
-        return np.interp(path_m, self.travel_m, own) + np.interp(time_s, self.time_s, values[2 * travel :])
+            return np.zeros(travel_m.size)
+        own = self._of_direction(np.interp, travel_m, opening, values)
+        return own + np.interp(time_s, self.time_s, values[2 * travel :])
 
-    def slope_n_per_m(self, path_m: FloatArray, direction: int, values: FloatArray) -> FloatArray:
-        """By how much friction with these values rises along the travel, N/m, shape (n,)."""
-        knots = self.travel_m
-        if knots.size < 2:
-            return np.zeros(path_m.size)
-        own = values[: knots.size] if direction > 0 else values[knots.size : 2 * knots.size]
-        between = np.diff(own) / np.diff(knots)
-        inside = (path_m >= knots[0]) & (path_m <= knots[-1])
-        at = np.clip(np.searchsorted(knots, path_m, side="right") - 1, 0, knots.size - 2)
-        return np.where(inside, between[at], 0.0)
+    def slope_n_per_m(self, travel_m: FloatArray, opening: BoolArray, values: FloatArray) -> FloatArray:
+        """By how much friction with these values rises along the travel, N/m, shape (n,).
+
+        ``travel_m`` and ``opening``: shape (n,); ``values``: shape (f,), N.
+        """
+        if self.travel_m.size < 2:
+            return np.zeros(travel_m.size)
+        return self._of_direction(_slope, travel_m, opening, values)
+
+    def _of_direction(self, read: Reader, travel_m: FloatArray, opening: BoolArray, values: FloatArray) -> FloatArray:
+        travel = self.travel_m.size
+        out = np.empty(travel_m.size)
+        for own, moving in ((values[:travel], opening), (values[travel : 2 * travel], ~opening)):
+            out[moving] = read(travel_m[moving], self.travel_m, own)
+        return out
 
 
-def _hats(knots: FloatArray, at: FloatArray) -> tuple[FloatArray, int]:
-    """Linear interpolation from the knots that are touched, two at least, shape (c, n), and the first of them."""
+def _between(knots: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The knot before each place, and how much of the next one there is in a line between them, shape (n,)."""
     left = np.minimum(np.maximum(knots.searchsorted(at, side="right") - 1, 0), knots.size - 2)
-    share = np.minimum(np.maximum((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0), 1.0)
-    first, last = int(left.min()), int(left.max()) + 1
-    out = np.zeros((last - first + 1, at.size))
-    row = np.arange(at.size)
-    out[left - first, row] = 1.0 - share
-    out[left - first + 1, row] = share
-    return out, first
+    return left, np.minimum(np.maximum((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0), 1.0)
+
+
+def _slope(at: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:
+    """Slopes of the lines between knots, none beyond them, shape (n,)."""
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, knots.size - 2)
+    inside = (at >= knots[0]) & (at <= knots[-1])
+    return np.where(inside, (np.diff(values) / np.diff(knots))[left], 0.0)
 
 
 def no_fields() -> Fields:

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 from estimators.engine.fields import no_fields
 from estimators.engine.hyperparameters import Equations, field_likelihood, refined
 from estimators.engine.laws import PathToFit
-from estimators.engine.model import Linearised, Model, Path, Unknowns
+from estimators.engine.model import Linearised, Model, Paths, Unknowns
 from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
 from estimators.engine.roughness import ROUGH, SMOOTH, RoughnessPrior
 from estimators.linear_fit import inverse_of
@@ -54,7 +54,6 @@ _FILTER_SHARES: Final = (0.05, 0.5, 0.9)  # of the slowest filter that is quicke
 _SLOW_FILTER_SHARES: Final = (0.9, 0.4)  # of the stem's delay where the filter is slower
 _SLOW_ROWS_S: Final = 0.004
 _MOST_DAMPING: Final = 1.0e8
-_TAKING_UP_S: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +64,7 @@ class Found:
     """
 
     unknowns: Unknowns
-    paths: list[Path]
+    paths: Paths
     model: Model
     covariance: FloatArray
     surprise: float
@@ -143,11 +142,8 @@ def _within(
 
 def _box(unknowns: Unknowns, model: Model) -> tuple[FloatArray, FloatArray]:
     """The least and the largest step of each unknown that is allowed, in the order of the step."""
-    sections, laws = model.sections.sections, model.laws
-    # a stem that takes up a play has broken away before the sensor shows it
-    early_s = _TAKING_UP_S if laws.travel(unknowns.laws).play_m > 0.0 else 0.0
-    first = np.array([section.time_s[0] + 1.0e-6 - early_s for section in sections])
-    last = np.array([section.time_s[-3] for section in sections])
+    nodes, laws = model.sections.nodes, model.laws
+    first, last = nodes.time_s[nodes.first[:-1]] + 1.0e-6, nodes.time_s[nodes.first[1:] - 3]
     free, rests = np.full(unknowns.fields.size, math.inf), np.full(unknowns.rest_m.size, math.inf)
     low = (
         np.maximum(LOW - unknowns.parameters, -LONGEST),
@@ -169,12 +165,12 @@ def _box(unknowns: Unknowns, model: Model) -> tuple[FloatArray, FloatArray]:
 def descend(
     model: Model,
     unknowns: Unknowns,
-    paths: list[Path],
+    paths: Paths,
     steps: int,
     done: float = _DONE,
     *,
     to: Unknowns | None = None,
-) -> tuple[Unknowns, list[Path], float]:
+) -> tuple[Unknowns, Paths, float]:
     """Return the unknowns, paths and sum of squares after at most so many accepted steps.
 
     It ends sooner where the dynamics are those of ``to``.
@@ -202,7 +198,7 @@ def descend(
     return unknowns, paths, squares
 
 
-def concluded(model: Model, unknowns: Unknowns, paths: list[Path], squares: float) -> Found:
+def concluded(model: Model, unknowns: Unknowns, paths: Paths, squares: float) -> Found:
     """Return the fit with its covariance and marginal likelihood; an infinite surprise where nothing determines it."""
     one = model.linearised(unknowns, paths)
     normal, right = _prior_terms(model, unknowns, one)
@@ -228,7 +224,7 @@ def concluded(model: Model, unknowns: Unknowns, paths: list[Path], squares: floa
 def annealed(
     model: Model,
     unknowns: Unknowns,
-    paths: list[Path],
+    paths: Paths,
     heats: tuple[float, ...] = HEATS,
     *,
     prior: RoughnessPrior | None = None,
@@ -247,12 +243,12 @@ def annealed(
 def _cooled(
     model: Model,
     unknowns: Unknowns,
-    paths: list[Path],
+    paths: Paths,
     heat: float,
     steps: int,
     *,
     to: Unknowns | None = None,
-) -> tuple[Model, Unknowns, list[Path]]:
+) -> tuple[Model, Unknowns, Paths]:
     """Where a descent leads with noise so large, and the model with the noise and the scatter that it shows."""
     hot = model.heated(heat, model.scatter_n)
     unknowns, paths, _ = descend(hot, unknowns, paths, steps, _NEARLY_DONE, to=to)
@@ -261,7 +257,7 @@ def _cooled(
 
 
 def _ended(
-    final: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior | None = None, rounds: int = 0
+    final: Model, unknowns: Unknowns, paths: Paths, prior: RoughnessPrior | None = None, rounds: int = 0
 ) -> Found:
     """The end of a descent; with a ``prior`` the roughness is found anew from the motion, in so many rounds."""
     if prior is not None and final.fields.count and final.settings.roughness_by_motion:
@@ -278,7 +274,7 @@ def _ended(
     return concluded(final, unknowns, paths, squares)
 
 
-def together(model: Model, starts: list[Unknowns], paths: list[Path]) -> list[Found]:
+def together(model: Model, starts: list[Unknowns], paths: Paths) -> list[Found]:
     """Return where the descents end from several starts; those that have met at the end of a heat go on as one."""
     going = [(model, one, paths) for one in starts]
     for heat, steps in zip(HEATS, _STEPS, strict=True) if model.settings.heated else [(HEATS[-1], _STEPS[-1])]:
@@ -300,14 +296,14 @@ def _settled(before: Model, after: Model) -> bool:
     return same and max(float(np.abs(moved).max()), abs(math.log(after.scatter_n / before.scatter_n))) < _SETTLED
 
 
-def equations_of(model: Model, unknowns: Unknowns, paths: list[Path]) -> Equations:
+def equations_of(model: Model, unknowns: Unknowns, paths: Paths) -> Equations:
     """Return the normal equations here, with all priors but the fields'."""
     bare = replace(model, fields=no_fields())
     normal, right = _prior_terms(bare, unknowns, model.linearised(unknowns, paths))
     return Equations(normal, right, slice(GLOBALS, GLOBALS + unknowns.fields.size), unknowns.fields)
 
 
-def _with_roughness(model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior, *, anew: bool) -> Model:
+def _with_roughness(model: Model, unknowns: Unknowns, paths: Paths, prior: RoughnessPrior, *, anew: bool) -> Model:
     """Return the model with the hyperparameters that the motion makes likeliest; ``anew``: with any smoothness."""
     likelihood = field_likelihood(equations_of(model, unknowns, paths))
     if likelihood is None:
@@ -316,7 +312,7 @@ def _with_roughness(model: Model, unknowns: Unknowns, paths: list[Path], prior: 
     return replace(model, fields=refined(model.fields, likelihood, prior, kinds))
 
 
-def _scatter(model: Model, unknowns: Unknowns, paths: list[Path]) -> float:
+def _scatter(model: Model, unknowns: Unknowns, paths: Paths) -> float:
     """The scatter of the breakaways' forces that maximises their marginal likelihood, N.
 
     Given the positions alone the forces are known to a covariance V; the instants of a stem that starts slowly are
@@ -432,7 +428,7 @@ def _damped(unknowns: Unknowns, slow_s: float, longer_s: float, speed_m_per_s: f
 def explored(
     model: Model,
     unknowns: Unknowns,
-    paths: list[Path],
+    paths: Paths,
     *,
     slow_s: float,
     speed_m_per_s: float,
@@ -495,15 +491,15 @@ def explored(
     return _different(sorted(whole, key=lambda one: one.surprise), math.inf, len(whole))
 
 
-def _only(model: Model, unknowns: Unknowns, paths: list[Path], chosen: IntArray) -> tuple[Model, Unknowns, list[Path]]:
+def _only(model: Model, unknowns: Unknowns, paths: Paths, chosen: IntArray) -> tuple[Model, Unknowns, Paths]:
     """The sections of these numbers alone, before any of their fields is known."""
     few = model.only(chosen)
     began_s, rest_m = unknowns.began_s[chosen], unknowns.rest_m[chosen]
     start = replace(unknowns, fields=np.zeros(few.fields.count), began_s=began_s, rest_m=rest_m)
-    return few, start, [paths[number] for number in chosen]
+    return few, start, paths.only(model.sections.nodes, chosen)
 
 
-def _on_all(one: Found, model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior) -> Found:
+def _on_all(one: Found, model: Model, unknowns: Unknowns, paths: Paths, prior: RoughnessPrior) -> Found:
     """Where a fit of other sections, or of these, leads with all of the model's; ``unknowns`` begin there."""
     if one.model.sections.sections == model.sections.sections:
         return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)

@@ -1,14 +1,13 @@
 """What a valve may do beyond the engine's model: laws with parameters of their own, which a fit takes in beside m, k.
 
-A law may add to the friction, to the force on the stem, to the force at which a rest breaks away, may end the travel,
-and may put a play between stem and sensor. All of it is neutral by default: a law says only what it changes. Forces are
-functions of where, when and how the stem moves; a fit evaluates them along the path of its last step.
+A law may add to the friction, to the force on the stem and to the force at which a rest breaks away. All of it is
+neutral by default: a law says only what it changes. Forces are functions of where, when and how the stem moves, each
+instant by itself; a fit evaluates them along the path of its last step, at all instants at once.
 """
 
 # ruff: noqa: ARG002 - a law is neutral by default, whatever it is asked
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -64,22 +63,6 @@ class LawParameter:
         return 0.25 * (self.high - self.low)
 
 
-@dataclass(frozen=True, slots=True)
-class Travel:
-    """Places at which the stem stops, m; a play between stem and sensor, m, and how much of it is open at the start.
-
-    ``first_share`` is the part of the play that the stem takes up in the first move, whose past is not recorded.
-    """
-
-    low_m: float = -math.inf
-    high_m: float = math.inf
-    play_m: float = 0.0
-    first_share: float = 0.5
-
-
-NO_TRAVEL = Travel()
-
-
 class Law:
     """A law without any effect: what is overridden is what it changes. ``values`` are those of ``parameters``."""
 
@@ -99,10 +82,6 @@ class Law:
     def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
         """Return what adds to F_s at rests that break away; ``share`` is F_s over F_c; ``values``: shape (p,), SI."""
         return share * self.friction_n(values, where)
-
-    def travel(self, values: FloatArray) -> Travel:
-        """Return the stops of the travel and the play of the sensor; ``values``: shape (p,), SI."""
-        return NO_TRAVEL
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,26 +123,12 @@ class Laws:
             total += law.force_n(own, where) - where.direction * law.friction_n(own, where)
         return total
 
-    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> float:
-        """Return by how much more force, N, in its direction, one rest breaks away; ``values``: shape (p,), SI."""
-        total = 0.0
+    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
+        """Return by how much more force, N, in their direction, rests break away; ``values``: shape (p,), SI."""
+        total = np.zeros(where.count)
         for law, own in self._with_values(values):
-            added = law.breakaway_n(own, where, share) - where.direction * law.force_n(own, where)
-            total += float(added[0])
+            total += law.breakaway_n(own, where, share) - where.direction * law.force_n(own, where)
         return total
-
-    def travel(self, values: FloatArray) -> Travel:
-        """Return the nearest stops and the sum of the plays; ``values``: shape (p,), SI."""
-        if not any(type(law).travel is not Law.travel for law in self.laws):
-            return NO_TRAVEL
-        found = NO_TRAVEL
-        for law, own in self._with_values(values):
-            one = law.travel(own)
-            first = found if found.play_m > 0.0 else one
-            found = Travel(
-                max(found.low_m, one.low_m), min(found.high_m, one.high_m), found.play_m + one.play_m, first.first_share
-            )
-        return found
 
     @property
     def low(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The stem's motion in one section, from breakaway on, and how it answers a change of anything in the model.
+"""The stem's motion in each section, from breakaway on, and how it answers a change of anything in the model.
 
 After its breakaway the stem obeys m x'' + F_v x' + k x = U - F_0 - s (F_c + w_s(x) + d(t)) and the sensor shows
 z' = (x - z) / T. With the force straight between nodes a step is exact: a matrix for each length of a step. Where the
@@ -10,7 +10,7 @@ stem comes to rest again, position and its changes stay as they are and only the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,8 +36,7 @@ class Dynamics:
         return self.damping_n_s_per_m / self.spring_n_per_m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Steps:
+class Steps(NamedTuple):
     """Exact steps of (x, v, z), shape (n, 3, 3), and their answers to the force at both ends, shape (n, 3)."""
 
     state: FloatArray
@@ -116,93 +115,85 @@ def steps_of(dynamics: Dynamics, step_s: FloatArray) -> Steps:
 
 
 @njit(cache=True, error_model="numpy")
-def follow(
-    time_s, step, first_step, free, direction, limit, end, began_s, first, force, state, from_start, from_end, sensor
-):
-    """Base motion: position, speed and the sensor's position at the nodes, and where it stopped.
+def instants(time_s, first, began_s):
+    """Where sections' instants of breakaway lie among their nodes: the first node after each, and how to read there.
 
-    It begins with the limit velocity, and stops where it falls to it, or at the travel's ``end``, m from its rest:
-    then the share of its last step that is returned is below 0.
+    ``first`` are the first nodes of the sections, and the number of nodes. A value at an instant lies on the straight
+    line to the node ``after`` from the one before it, at ``share`` of the way; before the first node the line goes on.
     """
-    n = time_s.size
-    x, v, z = np.zeros(n), np.zeros(n), np.zeros(n)
-    stopped, share = n, 0.0
-    x0 = z0 = 0.0
-    v0 = direction * limit
-    last = -1.0
-    rest = 0.0
-    for node in range(n):
-        if time_s[node] <= began_s:
-            continue
-        if stopped < n:
-            x[node], v[node] = rest, 0.0
-            z0 = rest + (z0 - rest) * sensor[step[node]]
-            z[node] = z0
-            continue
-        if last < 0.0:
-            index = first_step
-            begin = first
-        else:
-            index = step[node]
-            begin = force[node - 1]
-        last = 1.0
-        a, b, c = state[index], from_start[index], from_end[index]
-        x1 = a[0, 0] * x0 + a[0, 1] * v0 + b[0] * begin + c[0] * force[node]
-        v1 = a[1, 0] * x0 + a[1, 1] * v0 + b[1] * begin + c[1] * force[node]
-        z1 = a[2, 0] * x0 + a[2, 1] * v0 + a[2, 2] * z0 + b[2] * begin + c[2] * force[node]
-        if node >= free and direction * v1 <= limit:
-            stopped = node
-            share = (v0 - direction * limit) / (v0 - v1) if v0 != v1 else 0.0
-            share = min(max(share, 0.0), 1.0)
-            length = time_s[node] - time_s[node - 1]
-            rest = x0 + 0.5 * (v0 + direction * limit) * share * length
-            # the sensor follows up to the stop, and settles from there on
-            z1 = z0 + share * (z1 - z0)
-            z1 = rest + (z1 - rest) * sensor[step[node]] ** (1.0 - share)
-            x1, v1 = rest, 0.0
-        if stopped == n and direction * (x1 - end) > 0.0:
-            stopped, share, rest = node, -1.0, end
-            x1, v1 = rest, 0.0
-        x[node], v[node], z[node] = x1, v1, z1
-        x0, v0, z0 = x1, v1, z1
-    return x, v, z, stopped, share
+    count = began_s.size
+    begins, after, share = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count)
+    for number in range(count):
+        low, high = first[number], first[number + 1]
+        begins[number] = low + np.searchsorted(time_s[low:high], began_s[number], side="right")
+        after[number] = min(max(begins[number], low + 1), high - 1)
+        before_s = time_s[after[number] - 1]
+        share[number] = (began_s[number] - before_s) / (time_s[after[number]] - before_s)
+    return begins, after, share
 
 
 @njit(cache=True, error_model="numpy")
-def after_play(time_s, began_s, direction, gap_m, x, filter_s):
-    """What a sensor with a filter shows of a stem that first takes up a play of ``gap_m``, shape (n,), from rest."""
-    n = x.size
-    shown = np.zeros(n)
-    before = z = 0.0
-    last_s = began_s
-    for node in range(n):
-        if time_s[node] <= began_s:
-            continue
-        y = direction * max(direction * x[node] - gap_m, 0.0)
-        length = time_s[node] - last_s
-        fades = np.exp(-length / filter_s)
-        slope = (y - before) / length
-        z = y - slope * filter_s + (z - before + slope * filter_s) * fades
-        shown[node] = z
-        before, last_s = y, time_s[node]
-    return shown
+def follow(
+    time_s, step, first, begins, after, share, free, direction, limit, force, state, from_start, from_end, sensor
+):
+    """Base motion: position, speed and the sensor's position at the nodes of all sections, and where each stopped.
+
+    A section begins with the limit velocity at its instant (``instants``); the step from there to the next node is the
+    section's own, behind those of all lengths. It stops where its speed falls to the limit velocity again, at this
+    share of the last step; where it does not, at the first node of the next one.
+    """
+    count = begins.size
+    own_steps = sensor.size - count
+    x, v, z = np.zeros(time_s.size), np.zeros(time_s.size), np.zeros(time_s.size)
+    stopped, stop_share = first[1:].copy(), np.zeros(count)
+    for number in range(count):
+        sign = direction[number]
+        last_node = first[number + 1]
+        x0 = z0 = rest = 0.0
+        v0 = sign * limit
+        at = after[number]
+        begin = force[at - 1] + share[number] * (force[at] - force[at - 1])
+        index = own_steps + number
+        for node in range(begins[number], last_node):
+            if stopped[number] < last_node:
+                x[node] = rest
+                z0 = rest + (z0 - rest) * sensor[step[node]]
+                z[node] = z0
+                continue
+            a, b, c = state[index], from_start[index], from_end[index]
+            x1 = a[0, 0] * x0 + a[0, 1] * v0 + b[0] * begin + c[0] * force[node]
+            v1 = a[1, 0] * x0 + a[1, 1] * v0 + b[1] * begin + c[1] * force[node]
+            z1 = a[2, 0] * x0 + a[2, 1] * v0 + a[2, 2] * z0 + b[2] * begin + c[2] * force[node]
+            if node >= free[number] and sign * v1 <= limit:
+                stopped[number] = node
+                part = (v0 - sign * limit) / (v0 - v1) if v0 != v1 else 0.0
+                part = min(max(part, 0.0), 1.0)
+                stop_share[number] = part
+                rest = x0 + 0.5 * (v0 + sign * limit) * part * (time_s[node] - time_s[node - 1])
+                # the sensor follows up to the stop, and settles from there on
+                z1 = z0 + part * (z1 - z0)
+                z1 = rest + (z1 - rest) * sensor[step[node]] ** (1.0 - part)
+                x1, v1 = rest, 0.0
+            x[node], v[node], z[node] = x1, v1, z1
+            x0, v0, z0 = x1, v1, z1
+            begin = force[node]
+            if node + 1 < last_node:
+                index = step[node + 1]
+    return x, v, z, stopped, stop_share
 
 
 @njit(cache=True, error_model="numpy")
 def answers(
-    time_s, step, row, first_step, stop, share, later, began_s, first, force, stiffer,
-    state, from_start, from_end, sensor, out,
-):  # fmt: skip
-    """How the sensor's position at the nodes ``row`` answers to changes of the force, from rest, into ``out``.
+    step, row, first_step, begins, stop, share, later, first, force, stiffer, state, from_start, from_end, sensor, out
+):
+    """How the sensor's position at a section's nodes ``row`` answers to changes of the force, from rest, into ``out``.
 
-    ``force`` has the shape (lines, nodes), ``out`` (lines, rows), zeros. ``stiffer``, shape (nodes,), is by how much
-    friction that changes along the travel makes the spring stiffer there. A stem that is faster where it stops goes on
-    for ``later``, s, times the difference.
+    ``force`` has the shape (lines, nodes), ``out`` (lines, rows), zeros. ``first`` is the force at the instant of
+    breakaway, before the node ``begins``. ``stiffer``, shape (nodes,), is by how much friction that changes along the
+    travel makes the spring stiffer there. A stem that is faster where it stops goes on for ``later``, s, times the
+    difference.
     """
     lines, n = force.shape
-    begins = 0
-    while begins < n and time_s[begins] <= began_s:
-        begins += 1
     inverse = np.empty(n)
     for node in range(begins, n):
         inverse[node] = 1.0 / (1.0 + from_end[first_step if node == begins else step[node], 0] * stiffer[node])
@@ -228,10 +219,9 @@ def answers(
                 after -= stiffer[node] * x1
                 v1 = a[1, 0] * x + a[1, 1] * v + b[1] * before + c[1] * after
                 if node == stop:
-                    # nothing but its own place moves the travel's end
-                    x1 = x + share * (x1 - x) + later * (v + share * (v1 - v)) if share >= 0.0 else 0.0
+                    x1 = x + share * (x1 - x) + later * (v + share * (v1 - v))
                 z1 = a[2, 0] * x + a[2, 1] * v + a[2, 2] * z + b[2] * before + c[2] * after
-                if node == stop and share >= 0.0:
+                if node == stop:
                     z1 = x1 + (z + share * (z1 - z) - x1) * sensor[step[node]] ** (1.0 - share)
                 x, v, z = x1, v1, z1
             if at < row.size and row[at] == node:

@@ -19,6 +19,7 @@ from numba import njit
 from scipy.optimize import minimize
 
 FloatArray = npt.NDArray[np.float64]
+Sizes = tuple[float, float, float, float, float]
 
 # How smooth friction is along the travel: exponential, Matern 3/2, and Gaussian correlation.
 EDGED: Final = 0
@@ -153,59 +154,91 @@ def _correlation(away: float, smoothness: int) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def _terms(
-    travel_m: FloatArray, time_s: FloatArray, direction: FloatArray, lengths: tuple[float, float], smoothness: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Correlations, shape (n, n): over travel and its slope by ln length, one direction, in time and by ln time."""
+def _covariance(
+    travel_m: FloatArray, time_s: FloatArray, direction: FloatArray, sizes: Sizes, smoothness: int
+) -> FloatArray:
+    """Covariance of the variation times its direction at places and times."""
+    common, own, length_m, wander, wander_s = sizes
     n = travel_m.size
-    along, along_slope = np.empty((n, n)), np.empty((n, n))
-    same, in_time, in_time_slope = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    out = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            value, slope = _correlation(abs(travel_m[i] - travel_m[j]) / lengths[0], smoothness)
+            along = _correlation(abs(travel_m[i] - travel_m[j]) / length_m, smoothness)[0]
             sign = direction[i] * direction[j]
-            age = abs(time_s[i] - time_s[j]) / lengths[1]
+            fades = math.exp(-abs(time_s[i] - time_s[j]) / wander_s)
+            out[i, j] = out[j, i] = sign * ((common + (own if sign > 0.0 else 0.0)) * along + wander * fades)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _slopes(
+    places: tuple[FloatArray, FloatArray, FloatArray], sizes: Sizes, smoothness: int, weight: FloatArray
+) -> FloatArray:
+    """Sums of the weights times the covariance's slopes by the logarithms of its five hyperparameters."""
+    travel_m, time_s, direction = places
+    common, own, length_m, wander, wander_s = sizes
+    n = travel_m.size
+    by_common = by_own = by_length = by_wander = by_time = 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            sign = direction[i] * direction[j]
+            weighed = sign * weight[i, j] * (1.0 if i == j else 2.0)
+            along, slope = _correlation(abs(travel_m[i] - travel_m[j]) / length_m, smoothness)
+            age = abs(time_s[i] - time_s[j]) / wander_s
             fades = math.exp(-age)
-            along[i, j] = along[j, i] = sign * value
-            along_slope[i, j] = along_slope[j, i] = sign * slope
-            same[i, j] = same[j, i] = 1.0 if sign > 0.0 else 0.0
-            in_time[i, j] = in_time[j, i] = sign * fades
-            in_time_slope[i, j] = in_time_slope[j, i] = sign * age * fades
-    return along, along_slope, same, in_time, in_time_slope
+            by_common += weighed * along
+            by_length += weighed * common * slope
+            if sign > 0.0:
+                by_own += weighed * along
+                by_length += weighed * own * slope
+            by_wander += weighed * fades
+            by_time += weighed * age * fades
+    return np.array(
+        [2.0 * common * by_common, 2.0 * own * by_own, by_length, 2.0 * wander * by_wander, wander * by_time]
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FieldCovariance:
-    """Covariance, N^2, of the friction's variation times its direction at n places; slopes by the logarithms."""
-
-    field: FloatArray
-    slopes: tuple[FloatArray, ...]
+def _sizes(roughness: Roughness) -> Sizes:
+    """Variances of what is common, own and wandering, each with its length."""
+    return roughness.common_n**2, roughness.own_n**2, roughness.length_m, roughness.wander_n**2, roughness.wander_s
 
 
 def field_covariance(
     travel_m: FloatArray, time_s: FloatArray, direction: FloatArray, roughness: Roughness, smoothness: int
-) -> FieldCovariance:
-    """Return the covariance of s (w_s(x) + d(t)) at places, arrays of shape (n,); and its slope by each logarithm.
+) -> FloatArray:
+    """Return the covariance of s (w_s(x) + d(t)) at places, arrays of shape (n,): N^2, shape (n, n)."""
+    return np.asarray(_covariance(travel_m, time_s, direction, _sizes(roughness), smoothness))
 
-    The slope by ``error`` is left to the caller: it is no part of the field.
+
+def field_slopes(
+    travel_m: FloatArray,
+    time_s: FloatArray,
+    direction: FloatArray,
+    roughness: Roughness,
+    smoothness: int,
+    *,
+    weight: FloatArray,
+) -> FloatArray:
+    """Return the sums of weights times the covariance's slopes by the first five logarithms, shape (5,), N^2.
+
+    ``weight``: shape (n, n), symmetric. The slope by ``error`` is left to the caller: it is no part of the field.
     """
-    lengths = (roughness.length_m, roughness.wander_s)
-    along, along_slope, same, in_time, in_time_slope = _terms(travel_m, time_s, direction, lengths, smoothness)
-    weight = roughness.common_n**2 + roughness.own_n**2 * same
-    wander = roughness.wander_n**2
-    field = weight * along + wander * in_time
-    slopes = (
-        2.0 * roughness.common_n**2 * along,
-        2.0 * roughness.own_n**2 * same * along,
-        weight * along_slope,
-        2.0 * wander * in_time,
-        wander * in_time_slope,
-    )
-    return FieldCovariance(field, slopes)
+    return np.asarray(_slopes((travel_m, time_s, direction), _sizes(roughness), smoothness, weight))
+
+
+@njit(cache=True, error_model="numpy")
+def _correlations(travel_m: FloatArray, length_m: float, smoothness: int) -> tuple[FloatArray, FloatArray]:
+    """Correlations over travel and their slopes by ln length, shape (n, n)."""
+    n = travel_m.size
+    along, slope = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value, change = _correlation(abs(travel_m[i] - travel_m[j]) / length_m, smoothness)
+            along[i, j] = along[j, i] = value
+            slope[i, j] = slope[j, i] = change
+    return along, slope
 
 
 def travel_correlation(travel_m: FloatArray, length_m: float, smoothness: int) -> tuple[FloatArray, FloatArray]:
     """Return the correlation of friction at places in one direction, and its slope by ln length, shape (n, n)."""
-    still = np.zeros(travel_m.size)
-    along, slope, *_ = _terms(travel_m, still, np.ones(travel_m.size), (length_m, 1.0), smoothness)
-    return along, slope
+    return _correlations(travel_m, length_m, smoothness)

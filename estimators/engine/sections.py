@@ -7,13 +7,14 @@ are chosen once, by what was measured: rows that came and went with the paramete
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from estimators.engine.nodes import Section, Sections
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.segmentation import Move
@@ -38,47 +39,6 @@ _SLOW_NODE_S: Final = 0.03
 _AFTER_STOP_S: Final = 0.06
 _ROUNDED_S: Final = 1.0e-7
 _LATTICE_S, _LATTICE_SHARE = 2.0e-4, 0.02  # of a row's period at most
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Section:
-    """One move from its breakaway to where the stem rests again or the recording ends.
-
-    ``time_s``, ``force_n`` and ``rate_n_per_s`` are at the nodes, shape (n,); ``step`` says which of the steps' lengths
-    leads to each. ``row``, ``measured_m`` and ``rows``, shape (r,), are the nodes at which the position is compared,
-    the mean of the rows there and their number. From node ``free`` on the stem may stop.
-    """
-
-    direction: int
-    began_s: float
-    rest_m: float
-    rest_error_m: float
-    time_s: FloatArray
-    step: IntArray
-    force_n: FloatArray
-    rate_n_per_s: FloatArray
-    free: int
-    row: IntArray
-    measured_m: FloatArray
-    rows: FloatArray
-    path_m: FloatArray  # where the stem was at the nodes, as measured, smoothed
-    rested_s: float = 0.0  # since the stem came to rest before it, or since the recording began
-    rest_ends_s: float = 0.0  # as it was seen; the middle of the rest has its level
-    before: int = 0  # direction of the move before it, 0 where there is none in the recording
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sections:
-    """All sections, the lengths of the steps between their nodes, s, and how many others no fit explains."""
-
-    sections: tuple[Section, ...]
-    step_s: FloatArray
-    left_out: int = 0
-
-    @property
-    def count(self) -> int:
-        """Number of sections."""
-        return len(self.sections)
 
 
 def sections_of(reading: Reading, lag: Known) -> Sections:

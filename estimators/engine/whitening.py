@@ -89,12 +89,23 @@ def gather(white, numbers, normal, right):
 
 
 @njit(cache=True, error_model="numpy")
+def gather_lines(lines, numbers, left, weight, normal, right):
+    """Add the same of single equations: their slopes, shape (n, lines), by these unknowns, and their residuals."""
+    for one in range(left.size):
+        for line in range(numbers.shape[1]):
+            at, weighed = numbers[one, line], weight * lines[one, line]
+            right[at] += weighed * left[one]
+            for other in range(numbers.shape[1]):
+                normal[at, numbers[one, other]] += weighed * lines[one, other]
+
+
+@njit(cache=True, error_model="numpy")
 def surprises(time_s, line, white, firsts, coloured, coloured_s):
-    """Minus twice the logarithm of the likelihood of a line of rows, but for a constant, as ``whitened`` has it.
+    """Sum of a line's squared innovations in their variances, and of the variances' logarithms, as of ``whitened``.
 
     ``firsts`` are the first rows of sections whose noise does not know of each other, and the number of rows.
     """
-    total = 0.0
+    squares = logarithms = 0.0
     for section in range(firsts.size - 1):
         variance, level = coloured, 0.0
         for row in range(firsts[section], firsts[section + 1]):
@@ -105,7 +116,8 @@ def surprises(time_s, line, white, firsts, coloured, coloured_s):
             whole = variance + white[row]
             gain = variance / whole
             away = line[row] - level
-            total += away * away / whole + np.log(whole)
+            squares += away * away / whole
+            logarithms += np.log(whole)
             level += gain * away
             variance -= gain * variance
-    return total
+    return squares, logarithms

@@ -14,6 +14,7 @@ from estimators.base import Outcome
 from estimators.engine.balance import Blocks, Swept, balance, driven_blocks
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
+from estimators.engine.roughness import EDGED, ROUGH, SMOOTH, field_covariance, field_slopes, roughness_of
 from tests.support.published_recordings import followed
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set
@@ -116,3 +117,17 @@ def test_friction_is_as_unsure_as_it_varies_where_the_stem_slipped_over_it() -> 
     # averaged over the blocks alone it was off by four standard errors, rms
     off = [(known.value - truth) / known.std_error for known, truth in map(_half_seen, range(12))]
     assert float(np.sqrt(np.mean(np.square(off)))) < 2.0
+
+
+@pytest.mark.parametrize("smoothness", [ROUGH, EDGED, SMOOTH])
+def test_the_weighed_slopes_are_those_of_the_covariance(smoothness: int) -> None:
+    draw = np.random.default_rng(3)
+    places = draw.uniform(0.0, 0.1, 30), np.sort(draw.uniform(0.0, 60.0, 30)), np.repeat([1.0, -1.0], 15)
+    root = draw.normal(size=(30, 30))
+    weight = root @ root.T
+    logarithms = np.log([12.0, 7.0, 0.02, 5.0, 9.0, 1.0])
+    found = field_slopes(*places, roughness_of(logarithms), smoothness, weight=weight)
+    for number in range(5):
+        step = 1.0e-5 * np.eye(6)[number]
+        sides = [field_covariance(*places, roughness_of(logarithms + sign * step), smoothness) for sign in (1.0, -1.0)]
+        assert found[number] == pytest.approx(np.sum(weight * (sides[0] - sides[1])) / 2.0e-5, rel=1.0e-6)
