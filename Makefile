@@ -61,7 +61,7 @@ quick: $(VENV)/.dev  ## while writing: style, types, and the tests that take a m
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --quick $(ARGS)
 
 long: $(VENV)/.dev  ## what `make test` leaves out: whole searches, the demonstration, second rounds of faults and kills
-	$(BIN)/pytest -n 2 -m long $(ARGS)
+	$(BIN)/pytest -n 2 -m long --timeout 3600 $(ARGS)
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.bench.benchmarks $(ARGS)

@@ -206,7 +206,10 @@ def _sizes(roughness: Roughness) -> Sizes:
 def field_covariance(
     travel_m: FloatArray, time_s: FloatArray, direction: FloatArray, roughness: Roughness, smoothness: int
 ) -> FloatArray:
-    """Return the covariance of s (w_s(x) + d(t)) at places, arrays of shape (n,): N^2, shape (n, n)."""
+    """Return the covariance of s (w_s(x) + d(t)) at places, shape (n, n), N^2.
+
+    ``travel_m``, ``time_s`` and ``direction``: shape (n,), SI.
+    """
     return np.asarray(_covariance(travel_m, time_s, direction, _sizes(roughness), smoothness))
 
 

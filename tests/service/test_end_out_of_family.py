@@ -304,6 +304,7 @@ async def test_a_nightly_check_whose_packing_seizes_ends_early_is_analysed_and_m
     assert "ended early by its limits: breakaway" in check["reason"]
 
 
+@pytest.mark.long
 async def test_without_the_rule_the_test_goes_on_to_its_end(quick_path: Path) -> None:
     async with (
         wired_plant(quick_path, valve=_light_valve()) as (path, plant),

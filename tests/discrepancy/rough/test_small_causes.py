@@ -12,7 +12,7 @@ from tests.bench.judge.cases import case
     ("kind", "seed", "names"),
     [
         ("perfect", 5, ["friction_gradient"]),
-        ("perfect", 17, ["dual_rate_spring"]),
+        pytest.param("perfect", 17, ["dual_rate_spring"], marks=pytest.mark.long),
         ("healthy", 13, []),
         ("healthy", 62, []),
     ],

@@ -108,7 +108,7 @@ def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_dam
         assert known.ci95[0] < true < known.ci95[1], symbol
 
 
-@pytest.mark.parametrize("valve", ["nominal", "small"])
+@pytest.mark.parametrize("valve", [pytest.param("nominal", marks=pytest.mark.long), "small"])
 def test_a_short_lag_is_the_converters_where_the_stem_turns_as_slowly(valve: str) -> None:
     """Taken for the gauge's own, 20 ms left F_v 50 and 65 % low, m 76 and 44 %, with intervals of 3 to 13 %."""
     one = case(valve, "triangle", "mild", seed=1, path={"lag_s": 0.02}, pressure={"filter_s": 0.003, "noise_rms": 30.0})

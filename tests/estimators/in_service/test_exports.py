@@ -89,7 +89,7 @@ def by_itself(recording: Recording, limit_m: float, limit_pa: float) -> tuple[Re
     return blank, Recording(time_s, held_m, pressure_pa=held_pa)
 
 
-@pytest.mark.parametrize("limit_m", [6.0e-5, 3.0e-4, 6.0e-4])
+@pytest.mark.parametrize("limit_m", [3.0e-4, *(pytest.param(one, marks=pytest.mark.long) for one in (6.0e-5, 6.0e-4))])
 def test_tags_that_are_reported_each_by_itself_hold_until_their_next_report(limit_m: float) -> None:
     plant = loop("large", 2.0, 1.0, 7)
     actuator = plant.nameplate.actuator
