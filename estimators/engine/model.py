@@ -9,6 +9,7 @@ priors.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -378,13 +379,17 @@ class Model:
             varied.append((one, base if at == LN_DV else self._steps(one), _LOG_STEP))
         later = replace(unknowns, began_s=unknowns.began_s + _TIME_STEP_S)
         varied.append((later, self._steps(later), _TIME_STEP_S))
+        varied += [(one, base, step) for one, step in self._varied_laws(unknowns)]
+        return varied
+
+    def _varied_laws(self, unknowns: Unknowns) -> Iterator[tuple[Unknowns, float]]:
+        """The unknowns with each of the laws' parameters varied, and by how much."""
         for at, parameter in enumerate(self.laws.parameters):
             # away from a bound, beyond which a law may not be defined
             step = parameter.step if unknowns.laws[at] + parameter.step <= parameter.high else -parameter.step
             moved = unknowns.laws.copy()
             moved[at] += step
-            varied.append((replace(unknowns, laws=moved), base, step))
-        return varied
+            yield replace(unknowns, laws=moved), step
 
     def _breakaway_lines(self, unknowns: Unknowns, paths: Paths) -> tuple[FloatArray, IntArray, FloatArray]:
         """Residuals of the breakaways' forces, N, and their slopes by the unknowns of these numbers, the sign changed.
@@ -393,13 +398,9 @@ class Model:
         """
         nodes, count = self.sections.nodes, self.sections.count
         one = self._breakaways(unknowns, paths)
-        of_laws = np.empty((count, self.laws.count))
-        for at, parameter in enumerate(self.laws.parameters):
-            step = parameter.step if unknowns.laws[at] + parameter.step <= parameter.high else -parameter.step
-            moved = unknowns.laws.copy()
-            moved[at] += step
-            there = self._breakaways(replace(unknowns, laws=moved), paths)
-            of_laws[:, at] = (one.left_n - there.left_n) / step
+        of_laws = [
+            (one.left_n - self._breakaways(moved, paths).left_n) / step for moved, step in self._varied_laws(unknowns)
+        ]
         spring, sign = math.exp(unknowns.parameters[LN_K]), nodes.direction
         touched, shares = self.fields.beside(paths.rest_m, nodes.seen_s, sign > 0.0)
         each = np.arange(count)
@@ -417,7 +418,7 @@ class Model:
             unknowns.first_rest + each,
         ]
         numbers += [*(GLOBALS + touched).T, *(np.full(count, unknowns.first_law + at) for at in range(self.laws.count))]
-        slopes = [*by_unknown.values(), -sign * one.rate_n_per_s, sign * spring, *(one.share * shares).T, *of_laws.T]
+        slopes = [*by_unknown.values(), -sign * one.rate_n_per_s, sign * spring, *(one.share * shares).T, *of_laws]
         return one.left_n, np.column_stack(numbers).astype(np.int64), np.column_stack(slopes)
 
     def breakaway_slopes(self, unknowns: Unknowns, paths: Paths) -> FloatArray:

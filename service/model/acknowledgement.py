@@ -11,6 +11,7 @@ from drivers.permissive import Permissive
 from drivers.stands_at import StemVerdict
 from service.model.run import ENDED_KEY, Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
+from service.words.names import named
 from valve.messages import Message, formed, joined, parts_of, say
 
 #: What a stem that is not at its declared safe position is called; the sentence follows.
@@ -57,9 +58,10 @@ def alarm_of(run: Run | None) -> str:
     if run is None or not needs_acknowledgement(run):
         return ""
     alarm, stands, error = alarm_words(run), where_it_stands(run), beside_alarm(run.error)
-    told = say("test_ended_so", "test {test} {state}", test=run.id, state=run.state.value)
+    state = named(run.state.value)
+    told = say("test_ended_so", "test {test} {state}", test=run.id, state=state)
     if error:
-        told = say("test_ended_so_because", "test {test} {state}: {why}", test=run.id, state=run.state.value, why=error)
+        told = say("test_ended_so_because", "test {test} {state}: {why}", test=run.id, state=state, why=error)
     if not alarm:
         return joined(". ", [told, *([_without_stop(stands)] if stands else [])])
     if stands.startswith(alarm):
@@ -101,7 +103,7 @@ def last_end(run: Run | None) -> Permissive:
     if run.stands is not None and is_moving(run):
         wait = say("wait_for_look", "wait until it was looked at, {due:g s} after the motion", due=run.stands.due_s)
         return Permissive(name, False, say("stem_may_still_move", "the stem may still move"), limit, wait)
-    state: str = run.state.value
+    state = named(run.state.value)
     if not needs_acknowledgement(run):
         if run.acknowledged_at is not None:
             state = say("ended_and_acknowledged", "{state}, acknowledged", state=state)

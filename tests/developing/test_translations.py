@@ -5,6 +5,8 @@ from __future__ import annotations
 import polib
 import pytest
 
+from service.model.acknowledgement import last_end
+from service.model.run import Run, RunState, new_run_id
 from service.words.languages import Catalogue, Language, catalogue, path_of
 from service.words.messages import in_units
 from service.words.units import UnitSystem
@@ -38,6 +40,12 @@ def test_a_translation_tells_the_same_values(language: Language) -> None:
 def test_a_message_is_told_in_the_language_of_its_reader() -> None:
     why = say("elsewhere", "{reason}: repeat the request at {url}", reason="it moved", url="x")
     assert in_units(why, UnitSystem.SI, language=Language.GERMAN).startswith("it moved: wiederholen Sie")
+
+
+def test_how_the_last_test_ended_is_told_in_the_language_of_its_reader() -> None:
+    ended = last_end(Run(new_run_id(), "FV-101", "triangle", state=RunState.COMPLETED))
+    assert ended.value == "completed"
+    assert in_units(ended.value, UnitSystem.SI, language=Language.GERMAN) == "abgeschlossen"
 
 
 def test_a_message_of_another_time_than_the_catalogue_is_told_in_english() -> None:

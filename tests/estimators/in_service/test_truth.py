@@ -85,8 +85,7 @@ def test_scatter_from_breakaway_to_breakaway_is_seen() -> None:
     ("valve", "period_s"),
     [
         ("small", 0.02),
-        ("large", 0.1),
-        *(pytest.param(*one, marks=pytest.mark.long) for one in [("small", 0.1), ("large", 1.0)]),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in [("small", 0.1), ("large", 0.1), ("large", 1.0)]),
     ],
 )
 def test_a_loop_of_a_usual_packing_gives_friction_within_its_interval(valve: str, period_s: float) -> None:

@@ -63,9 +63,9 @@ def test_without_noise_friction_spring_and_bench_set_are_exact(name: str, period
     [
         ("vendor", 0.005, 20.0e-6, 0.0),
         ("nominal", 0.01, 100.0e-6, 0.0),
-        ("graphite", 0.005, 20.0e-6, 0.0),
         ("nominal", 0.005, 20.0e-6, 50.0),
-        ("rough", 0.005, 50.0e-6, 0.0),
+        pytest.param("graphite", 0.005, 20.0e-6, 0.0, marks=pytest.mark.long),
+        pytest.param("rough", 0.005, 50.0e-6, 0.0, marks=pytest.mark.long),
     ],
 )
 def test_intervals_hold_the_truth_as_often_as_they_say(
