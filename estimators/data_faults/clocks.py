@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from estimators.data_faults.fault import DataFault, off_line
 from estimators.samples import FloatArray, resolution
@@ -16,7 +17,7 @@ from valve.recording import INTERVAL_CHANNELS, Acquisition, Recording
 
 _FAR: Final = 1.0e5  # s: below it float64 keeps a nanosecond's tenth, and any recording may begin there
 _UNIX_S: Final = (0.5e9, 4.0e9)  # the years 1985 to 2096
-# Own choices; tests/estimators/data_faults/test_clocks.py has what must not be taken for one.
+# Own choices; tests/estimators/data_faults/test_found.py has what must not be taken for one.
 _LEAST_JITTER: Final = 0.005  # of the period, rms
 _MOST_JITTER: Final = 0.5  # of the period, for nine of ten: more, and nobody knows which sample is which
 _LATEST: Final = 5.0  # periods
@@ -27,6 +28,10 @@ _TELLING_ROWS: Final = 150.0
 _OF_DIGIT: Final = 0.1  # of the resolution: so far the jitter moves a sample, rms
 _SMOOTHED: Final = 8  # rows to each side, for the slope of a channel
 _LEAST_TURNS: Final = 5
+_MOST_OF_TURNS: Final = 0.6  # are alike
+_AWAY: Final = 6.0  # times the median of what the line leaves: 4 standard deviations
+_SAME_S: Final = 0.001
+_ROUNDS: Final = 30
 _MOST_APART_S: Final = 1.0
 _SPREADS: Final = 3.0  # so many times the scatter of the turns do the clocks come apart
 _POINTS: Final = 240  # that a corner is found among
@@ -198,11 +203,14 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     when_s, late_s = np.array(at_s), np.array(apart_s)
     # above and below a stem may stop at another delay: at a stop, or as friction differs
     matrix = np.column_stack([when_s - when_s.mean(), np.ones_like(when_s), np.array(upper) - np.mean(upper)])
-    solution, *_ = np.linalg.lstsq(matrix, late_s, rcond=None)
-    rate, offset_s = float(solution[0]), float(solution[1] - solution[0] * when_s.mean())
+    solution, alike = _line_of_most(matrix, late_s)
+    if np.count_nonzero(alike) < max(_LEAST_TURNS, _MOST_OF_TURNS * alike.size):
+        return recording, []
+    matrix, when_s, late_s = matrix[alike], when_s[alike], late_s[alike]
+    rate, offset_s = float(solution[0]), float(solution[1] - solution[0] * np.mean(at_s))
     left_s = late_s - matrix @ solution
     spread_s = max(float(np.sqrt(np.sum(left_s**2) / (when_s.size - 3))), 1.0e-9)
-    error = spread_s / float(np.sqrt(np.sum((when_s - when_s.mean()) ** 2)))
+    error = spread_s * float(np.sqrt(np.linalg.pinv(matrix.T @ matrix)[0, 0]))
     drift_s = abs(rate) * float(when_s[-1] - when_s[0])
     enough_s = max(_LEAST_DRIFT_S, recording.sample_period_s, _SPREADS * spread_s)
     if abs(rate) < _ERRORS * error or drift_s < enough_s:
@@ -233,6 +241,20 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
         "pressure_pa", "own_clock", 0, sentence, {"rate": (float(rate), "s/s"), "drift_s": (drift_s, "s")}
     )
     return moved, [fault]
+
+
+def _line_of_most(matrix: FloatArray, late_s: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Least squares of the turns that are alike, shape (3,), and which these are.
+
+    On a hold or a small loop a corner may lie anywhere: from the line that is nearest to most it is far away.
+    """
+    off_s = np.ones_like(late_s)
+    for _ in range(_ROUNDS):
+        root = np.maximum(off_s, _SAME_S) ** -0.5
+        solution = np.linalg.lstsq(matrix * root[:, None], late_s * root, rcond=None)[0]
+        off_s = np.abs(late_s - matrix @ solution)
+    alike = off_s <= max(_AWAY * float(np.median(off_s)), _SAME_S)
+    return np.asarray(np.linalg.lstsq(matrix[alike], late_s[alike], rcond=None)[0]), alike
 
 
 def _left_pa(recording: Recording) -> float:

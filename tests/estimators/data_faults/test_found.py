@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.data_faults.clocks import on_one_clock
 from estimators.data_faults.fault import DataFault
 from estimators.data_faults.found import without_data_faults
 from service.analysis.analysis import analyze_recordings
 from service.config.nameplates import read_nameplate
+from tests.bench.judge.cases import case as judged
 from tests.estimators.data_faults.recorded import PLATE, WAVES, logged
 from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS
@@ -225,6 +227,17 @@ def test_a_pressure_on_a_clock_of_its_own_is_set_onto_the_positions(rate: float)
     off_pa = pressure(cleaned) - pressure(recording)
     assert np.nanstd(off_pa) < 100.0, "but for the milliseconds that a stem takes to stop"
     assert np.std(drifting_pa - pressure(recording)) > 200.0
+
+
+@pytest.mark.parametrize("rate", [1.0e-3, -1.0e-3])
+def test_a_clock_is_found_beside_holds_and_small_loops(rate: float) -> None:
+    # where the pressure waits or loops, four of 22 corners lie up to 0.7 s away: they hid every drift
+    recording = judged("healthy", 65).recording
+    drifting_pa = np.interp(recording.time_s * (1.0 + rate), recording.time_s, pressure(recording))
+    _, told = on_one_clock(replace(recording, pressure_pa=drifting_pa), "")
+    assert [one.reason for one in told] == ["own_clock"]
+    assert told[0].parameters["rate"][0] == pytest.approx(rate, abs=3.5e-4)  # the stem is later on slow ramps
+    assert on_one_clock(recording, "")[1] == []
 
 
 # ---------------------------------------------------------------- zero and ends
