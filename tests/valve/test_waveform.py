@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from valve.diagnostic_waveform import diagnostic
@@ -27,6 +27,7 @@ def waveforms(draw: st.DrawFn) -> Waveform:
     return Waveform("drawn", time_s, np.array(draw(st.lists(pressures, min_size=time_s.size, max_size=time_s.size))))
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # the first input waits for what is loaded beside
 @given(waveforms(), st.lists(st.floats(-10.0, 2.0e4), min_size=1, max_size=20))
 def test_the_pressure_never_leaves_the_range_of_the_corners(waveform: Waveform, times_s: list[float]) -> None:
     low_pa, high_pa = waveform.range_pa
