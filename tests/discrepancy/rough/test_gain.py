@@ -22,7 +22,6 @@ def test_behind_a_late_converter_the_cause_predicts_as_well_as_the_true_law(seed
     assert gain["rmse_before_m"] > 3.0 * made.true_rmse_m
 
 
-@pytest.mark.long
 def test_the_rest_before_a_test_was_a_long_one() -> None:
     # without it the stem broke away 2 mm early on the first ramp, with the cause as without
     analysis, _ = diagnosed(case("hidden", 143))
