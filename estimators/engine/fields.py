@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.linalg import cho_factor
 
 from estimators.engine.roughness import ROUGH, Roughness, travel_correlation
@@ -57,8 +58,8 @@ class Fields:
         travel = self.travel_m.size
         if travel == 0:
             return np.empty((travel_m.size, 0), np.int64), np.empty((travel_m.size, 0))
-        along, share = _between(self.travel_m, travel_m)
-        in_time, share_of_time = _between(self.time_s, time_s)
+        along, share = between(self.travel_m, travel_m)
+        in_time, share_of_time = between(self.time_s, time_s)
         along, in_time = along + np.where(opening, 0, travel), in_time + 2 * travel
         return (
             np.column_stack([along, along + 1, in_time, in_time + 1]),
@@ -115,10 +116,18 @@ class Fields:
         return out
 
 
-def _between(knots: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The knot before each place, and how much of the next one there is in a line between them, shape (n,)."""
-    left = np.minimum(np.maximum(knots.searchsorted(at, side="right") - 1, 0), knots.size - 2)
-    return left, np.minimum(np.maximum((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0), 1.0)
+@njit(cache=True, error_model="numpy")
+def between(knots: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The knot before each place, and how much of the next one there is in a line between them, shape (n,).
+
+    ``knots``, two at least, and ``at``, shape (n,), are in one unit, m or s.
+    """
+    left, share = np.empty(at.size, np.int64), np.empty(at.size)
+    for place in range(at.size):
+        before = min(max(np.searchsorted(knots, at[place], side="right") - 1, 0), knots.size - 2)
+        left[place] = before
+        share[place] = min(max((at[place] - knots[before]) / (knots[before + 1] - knots[before]), 0.0), 1.0)
+    return left, share
 
 
 def _slope(at: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:

@@ -7,29 +7,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from estimators.engine.fields import between
 from estimators.engine.motion import answers
 from estimators.engine.parameters import FC, FO, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V
 from estimators.engine.whitening import gather, whitened
 
 VARIED = (LN_M, LN_V, LN_K, LN_FILTER, LN_DV)  # then the instants of breakaway, then the laws' parameters
 _FORCED = 3  # lines of F_0, F_c and the lead; that of the rest's level follows
-
-
-@njit(cache=True, error_model="numpy")
-def _touched(knots, at, left, share):
-    """Into ``left`` the knot before each place, into ``share`` how much of the next one; the first and the last knot.
-
-    Without knots the last is before the first.
-    """
-    if knots.size == 0:
-        return 0, -1
-    first, last = knots.size, 0
-    for node in range(at.size):
-        before = min(max(np.searchsorted(knots, at[node], side="right") - 1, 0), knots.size - 2)
-        left[node] = before
-        share[node] = min(max((at[node] - knots[before]) / (knots[before + 1] - knots[before]), 0.0), 1.0)
-        first, last = min(first, before), max(last, before + 1)
-    return first, last
 
 
 @njit(cache=True, error_model="numpy")
@@ -66,10 +50,14 @@ def row_equations(
         low, high = nodes.first[number], nodes.first[number + 1]
         rows = slice(nodes.first_row[number], nodes.first_row[number + 1])
         sign, size = nodes.rest_way[0, number], high - low
-        left, share = np.empty(size, np.int64), np.empty(size)
-        left_s, share_s = np.empty(size, np.int64), np.empty(size)
-        first, last = _touched(knots_m, travel_m[low:high], left, share)
-        first_s, last_s = _touched(knots_s, nodes.time_s[low:high], left_s, share_s)
+        first = first_s = 0
+        last = last_s = -1  # without knots
+        left = left_s = np.empty(0, np.int64)
+        share = share_s = np.empty(0)
+        if knots_m.size > 0:
+            left, share = between(knots_m, travel_m[low:high])
+            left_s, share_s = between(knots_s, nodes.time_s[low:high])
+            first, last, first_s, last_s = left.min(), left.max() + 1, left_s.min(), left_s.max() + 1
         in_time = _FORCED + 1 + last - first + 1
         met = in_time + last_s - first_s + 1
         driven = np.empty((met + varied, size))
@@ -77,7 +65,7 @@ def row_equations(
         driven[0], driven[1], driven[2], driven[3] = -1.0, -sign, -nodes.rate_n_per_s[low:high], -spring
         numbers[0], numbers[1], numbers[2] = FO, FC, LEAD
         numbers[3] = GLOBALS + fields + count + number
-        if last >= first:
+        if knots_m.size > 0:
             _hats(driven[_FORCED + 1 : in_time], first, left, share, -sign)
             _hats(driven[in_time:met], first_s, left_s, share_s, -sign)
         for line in range(_FORCED + 1, in_time):
