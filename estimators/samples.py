@@ -46,6 +46,7 @@ class Samples:
     position_noise_m: float
     force_noise_n: float
     position_step_m: float = 0.0  # of the sensor's grid; 0 where there is none that is coarser than rounding
+    is_commanded: bool = False  # the command stands in for the force, which comes later
 
     @property
     def count(self) -> int:
@@ -97,6 +98,7 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         position_noise_m=position_noise(time_s, position_m, run_first),
         force_noise_n=channel_noise(time_s, force_n, run_first),
         position_step_m=resolution(position_m),
+        is_commanded=recording.force_n is None and recording.pressure_pa is None,
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimators.base import Outcome
-from estimators.engine.balance import ramps
+from estimators.engine.balance import ramps, settled_from_s
 from estimators.engine.breakaways import breakaways
 from estimators.engine.force_path import lagged
 from estimators.engine.laws import Law, Where
@@ -207,7 +207,7 @@ def _spans(reading: Reading, settled_s: float) -> list[tuple[int, int, int]]:
     spans = []
     for move in reading.segmentation.moves:
         began_s = move.began_s if move.rest >= 0 else float(time_s[move.first])
-        begin_s = began_s + settled_s
+        begin_s = settled_from_s(reading, move, settled_s)
         # without a spring the force does not turn with the stem
         inside = corners_s[(corners_s > begin_s) & (corners_s < time_s[move.last])] if has_spring else corners_s[:0]
         for left_s, right_s in pairwise([begin_s, *inside.tolist(), float(time_s[move.last])]):

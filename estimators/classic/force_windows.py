@@ -125,6 +125,7 @@ def rough_motion(
         samples.run_last,
         noise_m=samples.position_noise_m,
         spring_n_per_m=spring,
+        is_commanded=samples.is_commanded,
     )
     if not segmentation.moves:
         return None

@@ -41,6 +41,7 @@ _FINER: Final = np.array([0.03, 0.003])  # of the same: how near the corner is s
 _CLEARER: Final = 0.5  # of the misfit without such a hold
 _FLAT: Final = 1.0e-12  # of a design that is singular, as where a corner has no rows behind it
 _ERRORS: Final = 6.0
+_CLEARLY_BY_TIME: Final = 0.6  # of the squares that the sweeps' times leave
 _LEAST_DRIFT_S: Final = 0.02
 _BETTER: Final = 0.95  # of what the balance of forces leaves: so much a clock that is put right mends
 _SPEED_S: Final = 0.05  # to both sides, that show a speed
@@ -186,18 +187,20 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     """Return the recording with its pressure on the position's clock where the two clocks drift apart.
 
     Where the pressure turns, a moving stem stops, within milliseconds and with any friction. Both instants, each from
-    lines on its two sides, come further and further apart where the clocks run at different speeds.
+    lines on its two sides, come further and further apart where the clocks run at different speeds. Behind a reading
+    that lags they do so by how long a sweep takes.
     """
     pressure_pa = recording.pressure_pa
     if pressure_pa is None or recording.samples < 500:
         return recording, []
-    at_s, apart_s, upper = [], [], []
+    at_s, apart_s, upper, sweeps_s = [], [], [], []
     for first, turn, last in _turns(pressure_pa):
         found = _apart_s(recording, first, turn, last)
         if found is not None and abs(found) < _MOST_APART_S:
             at_s.append(float(recording.time_s[turn]))
             apart_s.append(found)
             upper.append(float(pressure_pa[turn] > pressure_pa[first]))
+            sweeps_s.append(float(recording.time_s[turn] - recording.time_s[first]))
     if len(at_s) < _LEAST_TURNS:
         return recording, []
     when_s, late_s = np.array(at_s), np.array(apart_s)
@@ -210,6 +213,10 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     rate, offset_s = float(solution[0]), float(solution[1] - solution[0] * np.mean(at_s))
     left_s = late_s - matrix @ solution
     spread_s = max(float(np.sqrt(np.sum(left_s**2) / (when_s.size - 3))), 1.0e-9)
+    by_sweep = np.column_stack([np.array(sweeps_s)[alike], matrix[:, 1:]])
+    by_sweep_s = late_s - by_sweep @ np.linalg.lstsq(by_sweep, late_s, rcond=None)[0]
+    if float(left_s @ left_s) > _CLEARLY_BY_TIME * float(by_sweep_s @ by_sweep_s):
+        return recording, []
     error = spread_s * float(np.sqrt(np.linalg.pinv(matrix.T @ matrix)[0, 0]))
     drift_s = abs(rate) * float(when_s[-1] - when_s[0])
     enough_s = max(_LEAST_DRIFT_S, recording.sample_period_s, _SPREADS * spread_s)

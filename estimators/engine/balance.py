@@ -31,6 +31,7 @@ from estimators.engine.roughness import (
     roughness_of,
     roughness_prior,
 )
+from estimators.engine.segmentation import Move
 from estimators.engine.stops import ends_driven, last_row_before_stop
 from estimators.linear_fit import inverse_of
 
@@ -41,6 +42,7 @@ _SHORTEST_S: Final = 0.02
 _FEWEST_STROKES: Final = 3
 _BLOCK_SHARE: Final = 0.008  # of the travel: a third of the length of what is rough
 _AFTER_BREAKAWAY_S: Final = 0.08  # the mass and the sensor filter show in what comes sooner
+_ROWS_OF_START: Final = 1.5  # after the first that shows motion, where a jump lies between two
 _SETTLED: Final = 6.0  # lags after a breakaway nothing is left of the jump
 _BENT: Final = 3.0  # lags of the force's path after a corner it is straight again
 _BEFORE_CORNER_S: Final = 0.03
@@ -141,6 +143,13 @@ def ramps(reading: Reading, first: int, last: int, settled_s: float, driven_s: f
     return parts
 
 
+def settled_from_s(reading: Reading, move: Move, settled_s: float) -> float:
+    """When nothing is left of a move's breakaway, s: so long after it, and behind the rows between which it jumped."""
+    shown_s = float(reading.time_s[move.first])
+    began_s = move.began_s if move.rest >= 0 else shown_s
+    return max(began_s + settled_s, shown_s + _ROWS_OF_START * reading.samples.period_s)
+
+
 def driven_blocks(reading: Reading, lag: Known) -> Blocks:
     """Cut the driven parts of the moves into blocks of ``_BLOCK_SHARE`` of the travel, from the slowest moves on.
 
@@ -155,7 +164,7 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
     spans: list[tuple[int, int, int]] = []
     for move in reading.segmentation.moves:
         began_s = move.began_s if move.rest >= 0 else float(time_s[move.first])
-        begin_s = began_s + settled_s
+        begin_s = settled_from_s(reading, move, settled_s)
         inside = corners_s[(corners_s > begin_s) & (corners_s < time_s[move.last])]
         end = last_row_before_stop(reading, move) if ends_driven(reading, move) else move.last
         edges = [begin_s, *inside.tolist(), float(time_s[end])]

@@ -21,6 +21,7 @@ from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fie
 from estimators.engine.fit import LEAST_LAG_S, Found, equations_of, explored
 from estimators.engine.force_path import Source, coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
+from estimators.engine.lateness import coasting
 from estimators.engine.laws import NO_LAWS, Laws, PathToFit
 from estimators.engine.model import Model, Unknowns
 from estimators.engine.nodes import Sections
@@ -164,6 +165,7 @@ def fitted(
     start[LEAD] = middle_s
     scatter_n = max(static.scatter_n or 0.0, _LEAST_SCATTER * static.mean_n)
     laws = Laws((path.law,)) if path else NO_LAWS
+    is_tail = coasting(reading).is_tail
     fits: list[Found] = []
     noise_m = noise.white_m if reading.samples.period_s < _FINE_ROWS_S else math.inf  # slow rows see no finer grid
     for fields in _fields_to_try(sections, balance, noise_m):
@@ -184,6 +186,7 @@ def fitted(
             prior=balance.prior.near(balance.roughness),
             path=path,
             limit_share=limit_share,
+            is_tail=is_tail,
         )
         fits += found
         sections = found[0].model.sections  # what is left out of one is left out of all: likelihoods are compared

@@ -435,12 +435,13 @@ def explored(
     prior: RoughnessPrior,
     path: PathToFit | None = None,
     limit_share: float | None = None,
+    is_tail: bool = False,
 ) -> list[Found]:
     """Return the fits from all assignments of the three times, the likeliest first.
 
     ``slow_s`` is the lag of the stem that turns back at a corner, ``speed_m_per_s`` its usual speed.
     ``path`` is the law of the force's path where that is fitted, too. ``limit_share`` is DV over that speed where it is
-    known beforehand.
+    known beforehand. ``is_tail``: the stem coasts as a reading does that is so slow.
 
     They are tried on some of the sections; the likeliest, and those that are nearly so, go on with all.
     """
@@ -455,6 +456,8 @@ def explored(
         _with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in (path.others if path else ())
     ]
     starts.append(_near_its_limit(few, slow_s, speed_m_per_s, limit_share))
+    if is_tail:
+        starts.append(_with_times(few, 0.01, 0.003, slow_s))
     if slow_s <= LEAST_LAG_S:  # no corner showed a lag: on travel stops at both ends it may be anything
         starts.append(_damped(few, slow_s, _DAMPED_S, speed_m_per_s))
     if not model.settings.several_starts:

@@ -90,6 +90,7 @@ def read(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
             samples.run_last,
             noise_m=noise_m,
             spring_n_per_m=spring,
+            is_commanded=samples.is_commanded,
         )
         if not segmentation.moves:
             return Outcome.NEVER_MOVED

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,7 @@ _HALT_DRIVEN: Final = 6.0  # the same between two moves of one direction: fricti
 _HALT_S: Final = 0.04  # and the least time: the tail of a sensor's filter looks like a rest before the rest
 _STANDS: Final = 0.1  # of the way that it is driven, from the first third of a halt to its last
 _AGAIN: Final = 5  # halts in a row, between which the stem only went on
+_TAIL_GOES: Final = 5.0  # bands at most, in the time that it took for one
 _DWELL_S: Final = 0.25  # with a force that does not change a stem that stays in the band so long is at rest
 _SAME_LEVEL: Final = 0.6  # of the band: rests that near to each other with nothing between are one
 _FEWEST_ROWS: Final = 3
@@ -93,6 +95,7 @@ class _Track:
     position_m: FloatArray
     smooth_m: FloatArray
     driven_m: FloatArray
+    pushed_m: FloatArray  # the force over a rough spring rate, 0 where it does not tell what the stem does
     run_last: IntArray
     band_m: float
     noise_m: float
@@ -164,11 +167,13 @@ def segment(
     *,
     noise_m: float,
     spring_n_per_m: float,
+    is_commanded: bool = False,
 ) -> Segmentation:
     """Return rests and moves of a recording, arrays of shape (n,).
 
     ``noise_m`` is the white noise of one row; ``spring_n_per_m`` a rough spring rate, 0 for a drive without one:
-    then it is the usual speed of the moving stem that a rest is held against.
+    then it is the usual speed of the moving stem that a rest is held against. ``is_commanded``: the force is the
+    command, and the stem's own comes later.
     """
     period_s = float(np.median(np.diff(time_s)))
     width = 2 * (max(1, round(_SMOOTHED_S / period_s)) // 2) + 1
@@ -179,10 +184,12 @@ def segment(
     white_m = _BAND_SIGMAS * noise_m / math.sqrt(width)
     band_m = max(white_m, min(_WIDER_THAN_QUIET * quiet_m, 4.0 * white_m), 1.0e-7 * span_m)
     driven_m = _driven(time_s, smooth, force_n, spring_n_per_m, band_m)
-    track = _Track(time_s, position_m, smooth, driven_m, run_last, band_m, noise_m)
+    tells = spring_n_per_m > 0.0 and not is_commanded
+    pushed_m = force_n / spring_n_per_m if tells else np.zeros(time_s.size)
+    track = _Track(time_s, position_m, smooth, driven_m, pushed_m, run_last, band_m, noise_m)
     rests = _joined(_rests(track, _rest_rows(track)), track)
     moves = _moves(track, rests)
-    doubtful = _halts(track, rests, moves)
+    doubtful = _halts(track, rests, moves) | _in_tails(track, rests, moves)
     if doubtful:
         rests = [rest for number, rest in enumerate(rests) if number not in doubtful]
         moves = _moves(track, rests)
@@ -212,6 +219,26 @@ def _halts(track: _Track, rests: list[Rest], moves: list[Move]) -> set[int]:
         if in_a_row >= _AGAIN:
             doubtful.difference_update(range(number - in_a_row + 1, number + 1))
     return doubtful
+
+
+def _in_tails(track: _Track, rests: list[Rest], moves: list[Move]) -> set[int]:
+    """Numbers of the rests between two moves of one direction behind which the force has gone back.
+
+    No stem that rested goes on for that: it is the tail of a reading that lags, and slows down. What jumps there is no
+    tail: a sensor that slipped.
+    """
+    found = set[int]()
+    for move, following in pairwise(moves):
+        numbers = range(move.next_rest, following.rest + 1)
+        if move.direction != following.direction or move.next_rest < 0 or not numbers:
+            continue
+        back_m = move.direction * (track.pushed_m[move.last] - track.pushed_m[following.first])
+        before, after = rests[numbers[0]], rests[numbers[-1]]
+        later = min(2 * after.last - before.first, int(track.run_last[after.last]))
+        gone_m = abs(float(track.smooth_m[later]) - after.level_m)
+        if back_m > track.band_m and gone_m < _TAIL_GOES * track.band_m:
+            found.update(numbers)
+    return found
 
 
 def _stands(track: _Track, rest: Rest) -> bool:

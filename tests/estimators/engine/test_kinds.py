@@ -241,7 +241,7 @@ def test_a_slow_sensor_leaves_a_small_static_friction_open() -> None:
     # behind a filter of 20 ms the instants are a millisecond or two late: of 45 N, at 4500 N/s, 10 to 25 %
     made = case("vendor", "multi_rate", "hard", seed=7001)
     error, half_width = _off(_estimated(made), made.truth.parameters.by_symbol(), "F_s")
-    assert abs(error) < half_width < 0.3
+    assert abs(error) < half_width < 0.35
 
 
 def test_a_heavily_damped_stem_that_hardly_yields_is_followed() -> None:

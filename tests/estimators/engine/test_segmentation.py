@@ -12,6 +12,7 @@ from estimators.engine.rows import measured_rows
 from estimators.engine.sections import sections_of
 from tests.support.published_recordings import stroked
 from tests.support.rough_valves import RoughCase, case
+from valve.effects.position_lag import PositionLag
 
 _NEAR_S = 0.06  # an instant that far from a true one is another
 
@@ -46,6 +47,14 @@ def test_a_hard_packing_makes_few_breakaways_up(sequence: str) -> None:
     counts = np.array([_compared(case(valve, sequence, "hard", 1.0e-3, seed=4)) for valve in ("nominal", "small")])
 
     assert counts[:, 2].sum() <= 0.1 * counts[:, 0].sum()
+
+
+@pytest.mark.parametrize(("valve", "sequence", "lag_s"), [("rough", "triangle", 0.3), ("nominal", "multi_rate", 0.1)])
+def test_the_tail_of_a_reading_that_lags_is_no_row_of_rests(valve: str, sequence: str, lag_s: float) -> None:
+    true, missed, false = _compared(case(valve, sequence, "usual", 1.0e-3, seed=3, effects=[PositionLag(lag_s)]))
+
+    assert missed <= max(1, true // 20)
+    assert false == 0
 
 
 @pytest.mark.parametrize("valve", ["nominal", "large"])
