@@ -26,8 +26,8 @@ class PositionNonlinearity(Cause):
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
-        """Up to 5 % of the travel."""
-        most = 0.05 * self.setting.travel_m
+        """Up to 10 % of the travel."""
+        most = 0.1 * self.setting.travel_m
         return (parameter("bow_m", "m", -most, most, spread=0.01 * self.setting.travel_m),)
 
     def force_n(self, values: FloatArray, where: Where) -> FloatArray:

@@ -82,7 +82,10 @@ class _TravelStop(ABC):
             return None
         band_m = view.reading.segmentation.band_m
         place_m = float(np.median([one.place_m for one in shown]))
-        visits_m = places_m[np.abs(places_m - place_m) < band_m + _SAME_PLACE * min(one.way_m for one in shown)]
+        same_m = band_m + _SAME_PLACE * min(one.way_m for one in shown)
+        visits_m = places_m[np.abs(places_m - place_m) < same_m]
+        if int(np.sum(self.direction * (places_m - place_m) > same_m)) > visits_m.size:
+            return None  # it went on more often than it stopped there
         extreme_m = view.setting.high_m if self.direction > 0 else view.setting.low_m
         if visits_m.size < _FEWEST_VISITS or abs(extreme_m - place_m) > band_m + _BEYOND * view.setting.travel_m:
             return None

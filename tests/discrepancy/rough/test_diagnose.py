@@ -14,6 +14,8 @@ from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.selection import refitted
 from discrepancy.rough.separating import ENOUGH, Planned, separating_test
 from simulator.recorded import recorded
+from tests.bench.judge.__main__ import diagnosed
+from tests.bench.judge.cases import case as judged
 from tests.support.rough_valves import HELD_OUT, VALVES, case, rough_valve, sequence
 from valve.diagnostic_waveform import diagnostic
 from valve.effects.base import Effect
@@ -95,6 +97,14 @@ def test_a_stop_inside_the_travel_is_named_where_it_is() -> None:
     assert found.verdict is Verdict.NAMED
     assert [one.cause for one in found.causes] == ["travel_stop_high"]
     assert found.causes[0].parameters["position_m"].value == pytest.approx(0.75 * _TRAVEL_M, abs=1.0e-4)
+
+
+def test_a_reading_bowed_by_six_percent_of_the_travel_is_no_spring_that_hardens() -> None:
+    # likelier by 5 nats, it was refused for its size, and the spring named for it
+    analysis, _ = diagnosed(judged("hidden", 226))
+    (cause,) = analysis["discrepancy"]["causes"]
+    assert cause["cause"] == "position_nonlinearity"
+    assert abs(cause["parameters"]["bow_m"]["value"]) == pytest.approx(0.06 * _TRAVEL_M, rel=0.1)
 
 
 def test_a_spring_that_hardens_is_not_told_apart_from_a_bowed_reading() -> None:

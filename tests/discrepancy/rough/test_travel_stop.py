@@ -20,6 +20,8 @@ from estimators.engine.parameters import Known
 from estimators.engine.reading import read
 from estimators.engine.rows import measured_rows
 from estimators.engine.segmentation import Move, Rest
+from tests.bench.judge.__main__ import diagnosed
+from tests.bench.judge.cases import case as judged
 from tests.support.rough_valves import VALVES, RoughCase, case
 from valve.effects.stribeck_friction import StribeckFriction
 from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
@@ -33,6 +35,11 @@ def _view(made: RoughCase) -> View:
     setting = setting_of(rows, reading, made.nameplate)
     problem = problem_of(rows, setting, lag)
     return View(made.recording, made.nameplate, reading, setting, fitted(problem, problem.no_columns), None)
+
+
+def test_a_stem_that_goes_on_from_there_more_often_than_it_stops_has_no_stop() -> None:
+    analysis, _ = diagnosed(judged("healthy", 135))  # six of its eight turns lie further on, by four bands of its noise
+    assert analysis["discrepancy"]["verdict"] == "none"
 
 
 def test_a_stem_that_sticks_and_slips_up_to_its_turn_has_no_stop() -> None:
