@@ -232,8 +232,8 @@ def _in_tails(track: _Track, rests: list[Rest], moves: list[Move]) -> set[int]:
         numbers = range(move.next_rest, following.rest + 1)
         if move.direction != following.direction or move.next_rest < 0 or not numbers:
             continue
-        back_m = move.direction * (track.pushed_m[move.last] - track.pushed_m[following.first])
         before, after = rests[numbers[0]], rests[numbers[-1]]
+        back_m = -move.direction * _change(track.pushed_m[before.first : after.last + 1])
         later = min(2 * after.last - before.first, int(track.run_last[after.last]))
         gone_m = abs(float(track.smooth_m[later]) - after.level_m)
         if back_m > track.band_m and gone_m < _TAIL_GOES * track.band_m:
@@ -303,10 +303,15 @@ def _rest_rows(track: _Track) -> list[tuple[int, int]]:
     return found
 
 
+def _change(values: FloatArray) -> float:
+    """By how much the last third of the values lies above the first."""
+    third = max(1, values.size // 3)
+    return float(values[-third:].mean() - values[:third].mean())
+
+
 def _drift(values: FloatArray) -> float:
     """How far the last third of the values lies from the first."""
-    third = max(1, values.size // 3)
-    return abs(float(values[-third:].mean() - values[:third].mean()))
+    return abs(_change(values))
 
 
 def _rests(track: _Track, spans: list[tuple[int, int]]) -> list[Rest]:
