@@ -169,7 +169,7 @@ def test_a_valve_whose_jumps_are_seen_has_no_effective_friction() -> None:
 
 
 def test_a_friction_that_its_balance_has_below_zero_within_its_error_is_no_wrong_sign() -> None:
-    # hardly any, behind a lag that slow rows show to +-100 %: it was told to check signs and units
+    # 0.3 % of the force, behind a stem's lag that its corners show to +-140 %: it was told to check signs and units
     made = random_test(2048)
     test = Recorded(made.recording, made.nameplate, made.truth)
     reading = read(measured_rows(test.recording).recording, test.nameplate)
