@@ -13,7 +13,7 @@ from estimators.base import (
 from estimators.engine.balance import Balance, Blocks, balance, driven_blocks, swept
 from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
-from estimators.engine.commanded import command_path, is_commanded, with_likely_path
+from estimators.engine.commanded import command_path, with_likely_path
 from estimators.engine.lateness import coasting, lag_after_breakaways, stops_at
 from estimators.engine.laws import PathToFit
 from estimators.engine.parameters import Known
@@ -56,7 +56,7 @@ def of_slides(reading: Reading) -> Basis | Outcome:
     if mostly_slips(reading):
         # no slip is a slide that has settled, however long a damped stem takes for it
         lag = max(lag, lag_of_slips(reading), key=lambda one: one.value)
-        if is_commanded(reading):  # and of the I/P's lag nothing shows
+        if reading.samples.is_commanded:  # and of the I/P's lag nothing shows
             lag = Known(lag.value + _UNSEEN_PATH_S, math.hypot(lag.std_error, 2.0 * _UNSEEN_PATH_S))
     reading, lag, path = _with_path(reading, lag)
     found = _balance(reading, lag, driven_blocks(reading, lag))
@@ -101,7 +101,7 @@ def of_steps(reading: Reading, steps: Stepped) -> Basis | Outcome:
 
 def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit | None]:
     """The reading with a likely path where the command stands in for the pressure, and the path to fit."""
-    if not is_commanded(reading):
+    if not reading.samples.is_commanded:
         return reading, lag, None
     likely, left = with_likely_path(reading, lag)
     return likely, left, command_path(reading, likely, lag)

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from estimators.engine.force_path import GAUGE_LAG_S, Source, lagged, restarts_of
+from estimators.engine.force_path import GAUGE_LAG_S, lagged, restarts_of
 from estimators.engine.laws import Law, LawParameter, PathToFit, Where
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
@@ -106,11 +106,6 @@ class GaugedPath(Law):
         lag_s = math.sqrt(max(self.lag_s**2 - 1.0e-6 * square, 0.0))
         dead_s = self.lag_s + self.dead_s - lag_s - earlier_s
         return passed(self.time_s, self.command_n, self.restarts, lag_s, dead_s)
-
-
-def is_commanded(reading: Reading) -> bool:
-    """Whether the command stands in for the pressure."""
-    return reading.path.source is Source.COMMAND_ALONE
 
 
 def with_likely_path(reading: Reading, lag: Known) -> tuple[Reading, Known]:

@@ -26,7 +26,7 @@ from estimators.drive.recording import estimate_force_recording
 from estimators.engine.balance import Balance, repeats_to_n
 from estimators.engine.basis import Basis, of_slides, of_steps
 from estimators.engine.breakaways import StaticFriction
-from estimators.engine.commanded import is_commanded, with_gauged_path
+from estimators.engine.commanded import with_gauged_path
 from estimators.engine.dynamic import Dynamic, Quantity, dynamic, latent_friction
 from estimators.engine.force_path import Source
 from estimators.engine.nodes import Sections
@@ -291,7 +291,7 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> 
     if whole is None:
         for symbol in ("m", "F_v", "DV"):
             parameters[symbol] = absent(_without_motion(basis))
-    commanded = is_commanded(reading)
+    commanded = reading.samples.is_commanded
     if (commanded or basis.stepped) and whole is not None and whole.best.model.fields.count:
         for symbol in ("m", "F_v", "DV"):
             parameters[symbol] = absent(_HIDDEN if commanded else _SLOW_STEPS)

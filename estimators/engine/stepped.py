@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from estimators.engine.force_path import Source
 from estimators.engine.reading import Reading
 from estimators.engine.segmentation import extremes, moving_mean
 from estimators.steps.answer import StepAnswer, answer_to
@@ -164,7 +163,7 @@ def _steps(reading: Reading, recording: Recording) -> tuple[list[InputStep], Flo
 def _swing_n(reading: Reading, steps: list[InputStep]) -> float:
     """Half of the usual range of the smoothed force in the last quarter of a hold, N."""
     force_n, period_s = reading.samples.force_n, reading.samples.period_s
-    if reading.path.source is Source.COMMAND_ALONE:
+    if reading.samples.is_commanded:
         return _HUNTING * float(np.ptp(force_n))
     smooth = moving_mean(force_n, 2 * (max(1, round(_COLOURED_S / period_s)) // 2) + 1, reading.samples.run_last)
     margin = round(_COLOURED_S / period_s)
