@@ -232,10 +232,12 @@ def _averages(found: Found, reading: Reading) -> dict[str, FloatArray]:
     swept: dict[int, FloatArray] = {}
     for direction in (1, -1):
         weight = np.zeros(travel)
-        paths = [one.path_m for one in found.model.sections.sections if one.direction == direction]
-        if paths:
-            low_m, high_m = min(float(one.min()) for one in paths), max(float(one.max()) for one in paths)
-            inside = (fields.travel_m >= low_m) & (fields.travel_m <= high_m)
+        # also where a motion was left out of the fit: what it met is as unknown as the fields are there
+        moves = [move for move in reading.segmentation.moves if move.direction == direction]
+        ends = [end for move in moves for end in (move.first, move.last)]
+        if ends:
+            ends_m = reading.position_m[ends]
+            inside = (fields.travel_m >= ends_m.min()) & (fields.travel_m <= ends_m.max())
             weight[inside] = 1.0 / max(1, int(inside.sum()))
         swept[direction] = weight
     opening, closing = slice(GLOBALS, GLOBALS + travel), slice(GLOBALS + travel, GLOBALS + 2 * travel)
@@ -282,6 +284,7 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
         _add_force_scale(one, reading, variances)
     if settings.creeping:
         _add_creeping(one, variances)
+    _add_unseen_wander(one, reading, variances)
     _add_stops(one, reading, variances)
     _add_filtered_starts(one, variances)
     _add_unknown_path(one, variances, reading)
@@ -370,6 +373,23 @@ def _add_creeping(found: Found, variances: FloatArray) -> None:
         at = _LOGARITHMS.get(symbol)
         unit = 1.0 if at is None else math.exp(found.unknowns.parameters[at])
         variances[QUANTITIES.index(symbol)] += (error / unit) ** 2
+
+
+def _add_unseen_wander(found: Found, reading: Reading, variances: FloatArray) -> None:
+    """Add what friction may have done in time while the stem rested, which the mean over the record has in it.
+
+    Between two knots an Ornstein-Uhlenbeck process is a bridge, before the first and after the last it runs free.
+    """
+    rough, time_s = found.model.fields.roughness, found.model.fields.time_s
+    if rough is None:
+        return
+    gaps_s = np.diff(time_s, prepend=reading.time_s[0], append=reading.time_s[-1])
+    share = np.full(gaps_s.size, 1.0 / 12.0)
+    share[[0, -1]] = 1.0 / 3.0
+    walked = 2.0 * rough.wander_n**2 / rough.wander_s * share * gaps_s**3
+    unseen_n2 = float(np.sum(np.minimum(walked, (rough.wander_n * gaps_s) ** 2))) / float(np.ptp(reading.time_s)) ** 2
+    for symbol in ("F_c", "F_s"):
+        variances[QUANTITIES.index(symbol)] += unseen_n2
 
 
 def _add_stops(found: Found, reading: Reading, variances: FloatArray) -> None:

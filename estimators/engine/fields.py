@@ -99,6 +99,15 @@ class Fields:
         own = self._of_direction(np.interp, travel_m, opening, values)
         return own + np.interp(time_s, self.time_s, values[2 * travel :])
 
+    @property
+    def left_by_lines_n(self) -> float:
+        """How much of the friction lines between the knots leave, N."""
+        if self.roughness is None or self.travel_m.size < 2:
+            return 0.0
+        size_n = math.sqrt(2.0) * math.hypot(self.roughness.common_n, self.roughness.own_n)
+        share = math.sqrt(3.0) * float(self.travel_m[1] - self.travel_m[0]) / self.roughness.length_m
+        return float(_LEFT_BY_LINES * min(share, 1.0) ** 1.5 * size_n)
+
     def slope_n_per_m(self, travel_m: FloatArray, opening: BoolArray, values: FloatArray) -> FloatArray:
         """By how much friction with these values rises along the travel, N/m, shape (n,).
 

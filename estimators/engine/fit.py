@@ -518,9 +518,12 @@ def _understood(found: Found) -> IntArray:
     """Numbers of the sections that a fit explains: all but those that are far worse than the better ones.
 
     In some a stem that slips rested unseen: they are no motion from one breakaway, and draw all parameters after them.
+    What lines between the fields' knots leave of a rough friction is not held against them.
     """
-    off = found.model.section_chi(found.unknowns, found.paths)
-    good = np.flatnonzero(off < _NOT_UNDERSTOOD * max(float(np.quantile(off, 0.25)), 1.0))
+    model = found.model
+    off = model.section_chi(found.unknowns, found.paths)
+    rough = model.fields.left_by_lines_n / (math.exp(found.unknowns.parameters[LN_K]) * model.noise.white_m)
+    good = np.flatnonzero(off < _NOT_UNDERSTOOD * math.hypot(max(float(np.quantile(off, 0.25)), 1.0), rough))
     return good if good.size >= max(_FEWEST_UNDERSTOOD, off.size // 2) else np.arange(off.size)
 
 

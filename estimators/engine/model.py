@@ -452,10 +452,13 @@ class Model:
         return self._off(unknowns, paths, followed.sensed_m)
 
     def section_chi(self, unknowns: Unknowns, paths: Paths) -> FloatArray:
-        """What each section leaves, root mean square in white noises of a row, shape (n,)."""
+        """What each section leaves, root mean square over its rows in white noises of one, shape (n,).
+
+        The mean of many rows counts as each of them: in their own noise a long slide would never be understood.
+        """
         nodes = self.sections.nodes
         squares = np.add.reduceat(nodes.rows * self._left(unknowns, paths) ** 2, nodes.first_row[:-1])
-        return np.asarray(np.sqrt(squares / np.diff(nodes.first_row)) / self.noise.white_m)
+        return np.asarray(np.sqrt(squares / np.add.reduceat(nodes.rows, nodes.first_row[:-1])) / self.noise.white_m)
 
     def residual_rms(self, unknowns: Unknowns, paths: Paths, white_m: float) -> float:
         """Root mean square of measured minus modelled position, the fields and rests as found, m.

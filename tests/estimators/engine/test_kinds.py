@@ -47,6 +47,19 @@ def test_a_position_almost_without_noise_still_gives_the_mass() -> None:
         assert abs(_off(estimate, made.truth.parameters.by_symbol(), symbol)[0]) < most
 
 
+def test_the_one_long_slide_of_a_valve_that_hardly_moves_again_counts_for_what_it_swept() -> None:
+    # opening it first slides 58 mm, then 13 mm to and fro: the mean friction is that over the 58 mm
+    made = case("rough", "multi_rate", "hard", 1.0e-3, seed=1003)
+    estimate = _estimated(made)
+
+    moved = estimate.diagnostics["dynamic"]
+    assert isinstance(moved, Dynamic)
+    assert moved.best.model.sections.left_out == 0
+    for symbol, most in (("k", 0.06), ("F_c", 0.013), ("F_0", 0.05)):
+        error, half_width = _off(estimate, made.truth.parameters.by_symbol(), symbol)
+        assert abs(error) < half_width < most
+
+
 def test_several_recordings_of_one_valve_give_one_estimate() -> None:
     many = case("nominal", "multi_rate", "usual", 1.0e-3, seed=5)
     slow = case("nominal", "triangle", "usual", 1.0e-3, seed=5, occasion=1)
