@@ -393,16 +393,14 @@ def _beyond_class(view: View, null: Solved) -> Message | None:
 def _unsteady(view: View, model: Solved, fewest: int) -> Message | None:
     """What no packing in good order does from time to time; None where there is nothing.
 
-    So few breakaways show by how much they differ: their scatter counts by the low end of its interval.
+    Their scatter counts by the low end of its interval.
     """
     wanders = _wanders(view, model)
     if wanders is not None:
         return wanders
     setting = view.setting
     scatter_n, count = model.hyperparameter("scatter"), int((~model.problem.rows.is_slide).sum())
-    sure_n = scatter_n
-    if count < _FEWEST_TO_SCATTER:
-        sure_n = scatter_n * math.sqrt(count / float(chdtri(count, 1.0 - _ONE_END)))
+    sure_n = scatter_n * math.sqrt(count / float(chdtri(count, 1.0 - _ONE_END))) if count else 0.0
     if count >= fewest and sure_n > max(_SCATTERS * setting.static_n, _OF_FULL_FORCE * setting.full_force_n):
         return say(
             "breakaway_differs_much",

@@ -27,7 +27,7 @@ class DiaphragmAreaChange(Cause):
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to 30 % over the travel."""
         most = 0.3 / self.setting.travel_m
-        return (parameter("slope_per_m", "1/m", -most, most, spread=0.05 / self.setting.travel_m),)
+        return (parameter("slope_per_m", "1/m", -most, most, spread=0.1 / self.setting.travel_m),)
 
     def force_n(self, values: FloatArray, where: Where) -> FloatArray:
         """Return the force beyond the nameplate's area's."""

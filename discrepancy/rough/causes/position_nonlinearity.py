@@ -28,7 +28,7 @@ class PositionNonlinearity(Cause):
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to 10 % of the travel."""
         most = 0.1 * self.setting.travel_m
-        return (parameter("bow_m", "m", -most, most, spread=0.01 * self.setting.travel_m),)
+        return (parameter("bow_m", "m", -most, most, spread=0.025 * self.setting.travel_m),)
 
     def force_n(self, values: FloatArray, where: Where) -> FloatArray:
         """Return the spring's force that the reading has too much, at the place where the stem is."""

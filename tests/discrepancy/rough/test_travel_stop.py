@@ -42,6 +42,11 @@ def test_a_stem_that_goes_on_from_there_more_often_than_it_stops_has_no_stop() -
     assert analysis["discrepancy"]["verdict"] == "none"
 
 
+def test_a_force_that_goes_on_at_quick_turns_alone_drives_no_stem_against_a_stop() -> None:
+    analysis, _ = diagnosed(judged("healthy", 137))  # after the slowest ramp the force did not go on
+    assert analysis["discrepancy"]["verdict"] == "none"
+
+
 def test_a_stem_that_sticks_and_slips_up_to_its_turn_has_no_stop() -> None:
     parameters, _ = VALVES["nominal"]
     falling = StribeckFriction(excess_n=0.3 * parameters.coulomb_friction_n, speed_m_per_s=3.725675929803189e-3)
@@ -56,9 +61,14 @@ def test_a_stop_that_a_sliding_stem_runs_into_is_seen() -> None:
     assert abs(seen.fitted["position_m"].value - 0.017) < 1.0e-4
 
 
-@pytest.mark.parametrize(("hunting", "is_stop"), [(0.0, True), (3.0, False)])
-def test_an_ip_that_hunts_while_its_command_is_held_drives_no_stem_on(hunting: float, is_stop: bool) -> None:
-    """Twice the force comes up to where the stem rests, and rises by another percent there."""
+@pytest.mark.parametrize(
+    ("hunting", "commanded", "is_stop"), [(0.0, True, True), (3.0, True, False), (0.0, False, False)]
+)
+def test_an_ip_that_hunts_or_may_do_so_drives_no_stem_on(hunting: float, commanded: bool, is_stop: bool) -> None:
+    """Twice the force comes up to where the stem rests, and rises by another percent there.
+
+    Without a command nothing tells what an I/P does by itself.
+    """
     time_s = np.arange(0.0, 44.0, 0.02)
     knots_s = [0.0, 10.0, 12.0, 22.0, 32.0, 34.0, 44.0]
     force_n = np.interp(time_s, knots_s, [0.0, 1000.0, 1010.0, 0.0, 1000.0, 1010.0, 0.0])
@@ -78,8 +88,10 @@ def test_an_ip_that_hunts_while_its_command_is_held_drives_no_stem_on(hunting: f
         move(0.0, 10.0, 1, -1, 0), move(12.0, 22.0, -1, 0, -1),
         move(22.0, 32.0, 1, -1, 1), move(34.0, 43.9, -1, 1, -1),
     )  # fmt: skip
-    known = {"k": Known(spring, 1.0), "lag": Known(0.0, 0.01), "F_0": Known(0.0, 1.0), "F_s": Known(60.0, 1.0)}
+    known = {"k": Known(spring, 1.0), "lag": Known(0.0, 0.01), "F_0": Known(0.0, 1.0)}
+    known |= {"F_c": Known(50.0, 1.0), "F_s": Known(60.0, 1.0)}
     view = SimpleNamespace(
+        recording=SimpleNamespace(command_pa=force_n if commanded else None),
         reading=SimpleNamespace(
             time_s=time_s,
             position_m=position_m,
