@@ -24,12 +24,11 @@ _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
 _LAGS: Final = 1.5
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
-_UNTOLD: Final = 2.0  # times that where no command tells what an I/P does by itself
+_UNTOLD: Final = 4.0  # times that where no command tells what an I/P does by itself
 _HUNTS: Final = 8.0  # standard deviations of what an I/P does by itself: the highest swing while a command is held
 _SMOOTHED_S: Final = 0.2
 _SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ
 _FEWEST_VISITS: Final = 2
-_AS_SLOW: Final = 1.2  # times the rate of the force at the slowest visit
 _BEYOND: Final = 0.004  # of the travel that a reading may show beyond the stop
 _SLIDING: Final = 0.3  # of the speed by the force's rate, at least, with which a sliding stem arrives
 _NEAR_S: Final = 0.1
@@ -49,25 +48,6 @@ class _Arrival:
     way_m: float
     is_sliding: bool
     beyond_static: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """A stem that came to rest before it turned: where, the force's mean rate on the way (N/s), and if it went on."""
-
-    place_m: float
-    rate_n_per_s: float
-    goes_on: bool
-
-
-def _goes_on_when_slow(visits: list[_Turn]) -> bool:
-    """Whether the force went on at most of the slowest visits to a place, as at a stop.
-
-    An I/P that hunts does so now and then; one that lags leaves less of it on quick ramps.
-    """
-    slowest = min((one.rate_n_per_s for one in visits), default=0.0)
-    pushed = [one.goes_on for one in visits if one.rate_n_per_s <= _AS_SLOW * slowest]
-    return 2 * sum(pushed) > len(pushed)
 
 
 def _rise(force_n: npt.NDArray[np.float64]) -> float:
@@ -96,8 +76,7 @@ class _TravelStop(ABC):
         It slid in without a reason to stop, or the force at rest was more than any friction. A stem that sticks and
         slips stops without a reason, so that only the force counts.
         """
-        turns, arrivals = self._arrivals(view)
-        places_m = np.array([one.place_m for one in turns])
+        places_m, arrivals = self._arrivals(view)
         slides = not self._sticks(view)
         shown = [one for one in arrivals if (slides and one.is_sliding) or one.beyond_static > _HELD]
         if not shown:
@@ -105,10 +84,7 @@ class _TravelStop(ABC):
         band_m = view.reading.segmentation.band_m
         place_m = float(np.median([one.place_m for one in shown]))
         same_m = band_m + _SAME_PLACE * min(one.way_m for one in shown)
-        at_it = np.abs(places_m - place_m) < same_m
-        visits_m = places_m[at_it]
-        if not _goes_on_when_slow([one for one, here in zip(turns, at_it.tolist(), strict=True) if here]):
-            return None
+        visits_m = places_m[np.abs(places_m - place_m) < same_m]
         if int(np.sum(self.direction * (places_m - place_m) > same_m)) > visits_m.size:
             return None  # it went on more often than it stopped there
         extreme_m = view.setting.high_m if self.direction > 0 else view.setting.low_m
@@ -135,8 +111,8 @@ class _TravelStop(ABC):
                 return True
         return False
 
-    def _arrivals(self, view: View) -> tuple[list[_Turn], list[_Arrival]]:
-        """Where the stem turned, and of these its arrivals while the force still went on for long."""
+    def _arrivals(self, view: View) -> tuple[npt.NDArray[np.float64], list[_Arrival]]:
+        """Where the stem turned, m, and of these its arrivals while the force still went on."""
         reading, null = view.reading, view.null
         time_s, force_n = reading.time_s, self.direction * reading.path.force_n
         moves, rests = reading.segmentation.moves, reading.segmentation.rests
@@ -146,21 +122,18 @@ class _TravelStop(ABC):
         hunts_n = float(np.std(moving_mean(reading.path.left_n, width)))
         told = 1.0 if view.recording.command_pa is not None else _UNTOLD
         least_n = max(told * _LEAST_RISE * view.setting.full_force_n, _HUNTS * hunts_n)
-        found, turns = [], []
+        found, places_m = [], []
         for move, after in zip(moves, [*moves[1:], None], strict=True):
             leaves_back = after is None or after.direction == -self.direction
             if move.direction != self.direction or move.next_rest < 0 or not leaves_back:
                 continue
             rest = rests[move.next_rest]
+            places_m.append(rest.level_m)
             most = rest.first + int(np.argmax(force_n[rest.first : rest.last + 1]))
             went_on_n = _rise(force_n[rest.first : most + 1])
             way_m = went_on_n / spring
             late = float(time_s[most] - time_s[rest.first]) > max(_LEAST_S, _LAGS * lag_s)
             goes_on = went_on_n > least_n
-            rate = float(force_n[move.last] - force_n[move.first]) / max(
-                float(time_s[move.last] - time_s[move.first]), 1.0e-6
-            )
-            turns.append(_Turn(rest.level_m, rate, goes_on))
             if not (late and goes_on and way_m > _DRIVEN_BANDS * reading.segmentation.band_m):
                 continue
             before = max(move.first, int(np.searchsorted(time_s, time_s[rest.first] - _NEAR_S)))
@@ -173,7 +146,7 @@ class _TravelStop(ABC):
             beyond = (net_n - max(null.known("F_s").value, null.known("F_c").value)) / max(scatter_n, 1.0e-9)
             is_sliding = _SLIDING * driven < speed < driven / _SLIDING
             found.append(_Arrival(rest.level_m, way_m, is_sliding, beyond))
-        return turns, found
+        return np.array(places_m), found
 
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""

@@ -42,8 +42,8 @@ def test_a_stem_that_goes_on_from_there_more_often_than_it_stops_has_no_stop() -
     assert analysis["discrepancy"]["verdict"] == "none"
 
 
-def test_a_force_that_goes_on_at_quick_turns_alone_drives_no_stem_against_a_stop() -> None:
-    analysis, _ = diagnosed(judged("healthy", 137))  # after the slowest ramp the force did not go on
+def test_a_force_that_no_command_explains_drives_no_hard_packing_against_a_stop() -> None:
+    analysis, _ = diagnosed(judged("healthy", 137))  # after two turns of nine it went on, by 1.4 % of its range
     assert analysis["discrepancy"]["verdict"] == "none"
 
 
@@ -67,7 +67,7 @@ def test_a_stop_that_a_sliding_stem_runs_into_is_seen() -> None:
 def test_an_ip_that_hunts_or_may_do_so_drives_no_stem_on(hunting: float, commanded: bool, is_stop: bool) -> None:
     """Twice the force comes up to where the stem rests, and rises by another percent there.
 
-    Without a command nothing tells what an I/P does by itself.
+    Without a command nothing tells what of it an I/P did by itself.
     """
     time_s = np.arange(0.0, 44.0, 0.02)
     knots_s = [0.0, 10.0, 12.0, 22.0, 32.0, 34.0, 44.0]
