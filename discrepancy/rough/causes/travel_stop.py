@@ -24,7 +24,8 @@ _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
 _LAGS: Final = 1.5
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
-_UNTOLD: Final = 4.0  # times that where no command tells what an I/P does by itself
+_UNTOLD: Final = 4.0  # times that where no command tells what an I/P does by itself, and
+_REPEATS: Final = 0.01  # of that way the turns differ by more, as they do at no stop
 _HUNTS: Final = 8.0  # standard deviations of what an I/P does by itself: the highest swing while a command is held
 _SMOOTHED_S: Final = 0.2
 _SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ
@@ -59,6 +60,13 @@ def _rise(force_n: npt.NDArray[np.float64]) -> float:
     return 2.0 * float(force_n[half:].mean() - force_n[:half].mean()) if half else 0.0
 
 
+def _may_hunt(view: View, visits_m: npt.NDArray[np.float64], way_m: float) -> bool:
+    """Whether an I/P may have driven the force on by itself: by so little, where the turns do not repeat."""
+    small_m = _UNTOLD * _LEAST_RISE * view.setting.full_force_n / view.null.known("k").value
+    differ_m = 1.4826 * float(np.median(np.abs(visits_m - np.median(visits_m))))  # as a standard deviation
+    return way_m < small_m and differ_m > _REPEATS * way_m
+
+
 class _TravelStop(ABC):
     name: ClassVar[str]
     action: ClassVar[str]
@@ -87,6 +95,8 @@ class _TravelStop(ABC):
         visits_m = places_m[np.abs(places_m - place_m) < same_m]
         if int(np.sum(self.direction * (places_m - place_m) > same_m)) > visits_m.size:
             return None  # it went on more often than it stopped there
+        if view.recording.command_pa is None and _may_hunt(view, visits_m, max(one.way_m for one in shown)):
+            return None
         extreme_m = view.setting.high_m if self.direction > 0 else view.setting.low_m
         if visits_m.size < _FEWEST_VISITS or abs(extreme_m - place_m) > band_m + _BEYOND * view.setting.travel_m:
             return None
@@ -120,8 +130,7 @@ class _TravelStop(ABC):
         scatter_n = float(np.hypot(null.hyperparameter("scatter"), null.known("F_s").std_error))
         width = 2 * (max(1, round(_SMOOTHED_S / reading.samples.period_s)) // 2) + 1
         hunts_n = float(np.std(moving_mean(reading.path.left_n, width)))
-        told = 1.0 if view.recording.command_pa is not None else _UNTOLD
-        least_n = max(told * _LEAST_RISE * view.setting.full_force_n, _HUNTS * hunts_n)
+        least_n = max(_LEAST_RISE * view.setting.full_force_n, _HUNTS * hunts_n)
         found, places_m = [], []
         for move, after in zip(moves, [*moves[1:], None], strict=True):
             leaves_back = after is None or after.direction == -self.direction
