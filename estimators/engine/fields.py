@@ -101,12 +101,15 @@ class Fields:
 
     @property
     def left_by_lines_n(self) -> float:
-        """How much of the friction lines between the knots leave, N."""
+        """How much of the friction lines between the knots leave, N.
+
+        Nothing of one that has come to vary between the knots: it stands in for what is no friction.
+        """
         if self.roughness is None or self.travel_m.size < 2:
             return 0.0
         size_n = math.sqrt(2.0) * math.hypot(self.roughness.common_n, self.roughness.own_n)
         share = math.sqrt(3.0) * float(self.travel_m[1] - self.travel_m[0]) / self.roughness.length_m
-        return float(_LEFT_BY_LINES * min(share, 1.0) ** 1.5 * size_n)
+        return float(_LEFT_BY_LINES * share**1.5 * size_n) if share < 1.0 else 0.0
 
     def slope_n_per_m(self, travel_m: FloatArray, opening: BoolArray, values: FloatArray) -> FloatArray:
         """By how much friction with these values rises along the travel, N/m, shape (n,).
