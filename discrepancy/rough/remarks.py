@@ -15,6 +15,7 @@ from valve.messages import say
 
 _LEAST_S: Final = 0.004
 _LEAST_SHARE: Final = 5.0e-4  # of the span
+_KNOWN: Final = 0.3  # of it, its error: what is known worse says nothing
 _IF_QUICK: Final = say(
     "stem_lag_action", "If this valve is known to be quick, check the damping of its position transmitter."
 )
@@ -37,7 +38,7 @@ def remarks(view: View, *, is_plain: bool) -> tuple[Finding, ...]:
         )
         found.append(Finding("stem_lag", said, _IF_QUICK, {"lag_s": late_s}))
     lag = lag_of(view)
-    if lag is not None and _LEAST_S < lag.value < LIMIT_S and lag.std_error < 0.3 * lag.value:
+    if lag is not None and _LEAST_S < lag.value < LIMIT_S and lag.std_error < _KNOWN * lag.value:
         said = say("position_filtered", "The position sensor has a filter of {lag}.", lag=lag.in_words("ms"))
         found.append(Finding("position_filter", said, _NOTHING, {"lag_s": lag}))
     path = view.reading.path
@@ -50,7 +51,7 @@ def remarks(view: View, *, is_plain: bool) -> tuple[Finding, ...]:
             ("transducer_lag", "lag_s", late.lag, lags),
             ("transducer_dead_time", "delay_s", late.dead_time, follows),
         ):
-            if known.value > _LEAST_S and not beyond_limit(known):
+            if known.value > _LEAST_S and known.std_error < _KNOWN * known.value and not beyond_limit(known):
                 found.append(Finding(name, said, _NOTHING, {key: known}))
     span_n = float(np.ptp(path.force_n))
     beside = float(np.std(path.left_n)) / max(span_n, 1.0e-9)

@@ -27,6 +27,15 @@ def test_lag_and_dead_time_are_those_of_the_converter(
     assert beyond_limit(found.dead_time) == (dead_s > 0.04)
 
 
+def test_a_dead_time_that_ends_between_polled_rows_is_known() -> None:
+    # a lag of a millisecond looked like it: it was known to 0.1 s, another one to 1.6 s, and neither was named
+    made = case("small", "diagnostic", "usual", 0.02, 1, path={"dead_time_s": 0.256})
+    found = delays(made.recording)
+    assert found is not None
+    assert found.dead_time.value == pytest.approx(0.256, abs=0.014)
+    assert found.dead_time.std_error < 0.005
+
+
 def test_a_slow_converter_is_named_and_nothing_else() -> None:
     one = case("nominal", "triangle", "usual", seed=3, path={"lag_s": 0.3})
     said = diagnose(one.recording, one.nameplate)
