@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
@@ -16,7 +15,7 @@ from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.creeping import moves_at_rest
-from discrepancy.rough.evidence import Solved, fitted, problem_of
+from discrepancy.rough.evidence import Solved, fitted, problem_of, surely
 from discrepancy.rough.findings import extended_model, findings
 from discrepancy.rough.force_wander import wanders_alike
 from discrepancy.rough.latent import latent_friction, strongest, way_words
@@ -72,7 +71,6 @@ _ALIKE: Final = 0.05  # percent
 _CREEPS: Final = 2.5  # limit velocities
 _FEWEST_TO_SCATTER: Final = 6
 _FEWEST_BESIDE_CAUSE: Final = 3  # that a cause which fits one of them cannot take up
-_ONE_END: Final = 0.975  # of the chance
 
 
 def diagnose(
@@ -400,8 +398,8 @@ def _unsteady(view: View, model: Solved, fewest: int) -> Message | None:
         return wanders
     setting = view.setting
     scatter_n, count = model.hyperparameter("scatter"), int((~model.problem.rows.is_slide).sum())
-    sure_n = scatter_n * math.sqrt(count / float(chdtri(count, 1.0 - _ONE_END))) if count else 0.0
-    if count >= fewest and sure_n > max(_SCATTERS * setting.static_n, _OF_FULL_FORCE * setting.full_force_n):
+    most_n = max(_SCATTERS * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
+    if count >= fewest and surely(scatter_n, count) > most_n:
         return say(
             "breakaway_differs_much",
             "The force at which the stem breaks away differs by {share:.0f %} from one to the next.",

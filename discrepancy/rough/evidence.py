@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor
 from scipy.optimize import minimize
+from scipy.special import chdtri
 
 from discrepancy.rough.observations import Observations
 from discrepancy.rough.setting import Setting
@@ -46,6 +47,7 @@ _PRELOAD_OF_FRICTION: Final = 0.005
 _NO_SPRING: Final = 1.0e-6  # of F_c over the travel
 _VISCOUS: Final = 0.3  # of F_c at the usual speed
 _SEARCH: Final = {"maxiter": 25, "ftol": 1.0e-5}  # a hundredth of a nat
+_NOT_BOTH_ENDS: Final = 0.025  # of the chance, at each end of a 95 % interval
 _FLAT: Final = 1.0e-12  # information of a parameter, in its scaled unit, of which nothing is known
 _FEWEST_OF_PARABOLA: Final = 12  # blocks of one direction
 
@@ -301,6 +303,14 @@ def fitted(problem: Problem, columns: Columns, start: FloatArray | None = None) 
     begin = problem.medians if start is None else start
     found = minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=_SEARCH)  # type: ignore[call-overload]
     return solved(problem, columns, np.asarray(found.x))
+
+
+def surely(deviation: float, free: int) -> float:
+    """Return the low end of the 95 % interval of a standard deviation that so many free differences show.
+
+    In the deviation's unit; 0 where there are none.
+    """
+    return deviation * math.sqrt(free / float(chdtri(free, _NOT_BOTH_ENDS))) if free > 0 else 0.0
 
 
 def of_rows(problem: Problem, chosen: npt.NDArray[np.bool_]) -> Problem:

@@ -8,11 +8,11 @@ from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
+from discrepancy.rough.evidence import surely
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95
 from valve.messages import say
@@ -22,7 +22,6 @@ FloatArray = npt.NDArray[np.float64]
 _PACKINGS_DO: Final = 0.08  # of F_s: a poor packing scatters by 6 %
 _OF_FULL_FORCE: Final = 0.004  # or of the full force: what gauge and I/P leave
 _FEWEST: Final = 6
-_NOT_BOTH_ENDS: Final = 0.025  # of the chance, at each end of the interval
 _MIDDLE: Final = 0.6745  # standard deviations of a normal law that half of it lies within
 _OFTEN: Final = 0.5  # of the scatter that the middle half must show too: no single breakaway stands out
 _STAND_OUT: Final = 0.1  # of the breakaways, and two at least, without which so much of the scatter must be left
@@ -69,7 +68,7 @@ class BreakawayScatter(SeenCause):
         if variance_n2 <= 0.0:
             return None
         scatter_n = math.sqrt(variance_n2)
-        low_n = scatter_n * math.sqrt(free / float(chdtri(free, _NOT_BOTH_ENDS)))
+        low_n = surely(scatter_n, free)
         middle_n = float(np.median(np.abs(away_n - np.median(away_n)))) / _MIDDLE
         by_itself = float(away_n @ away_n) / max(float(np.sum((forces_n - forces_n.mean()) ** 2)), 1.0e-300)
         if low_n <= most_n or middle_n < _OFTEN * scatter_n or by_itself < _BY_ITSELF * free / (forces_n.size - 1):

@@ -152,7 +152,7 @@ class _TravelStop(ABC):
             net_n = self.direction * (
                 self.direction * float(force_n[most]) - spring * rest.level_m - null.known("F_0").value
             )
-            beyond = (net_n - max(null.known("F_s").value, null.known("F_c").value)) / max(scatter_n, 1.0e-9)
+            beyond = (net_n - null.known("F_s").value) / max(scatter_n, 1.0e-9)
             is_sliding = _SLIDING * driven < speed < driven / _SLIDING
             found.append(_Arrival(rest.level_m, way_m, is_sliding, beyond))
         return np.array(places_m), found

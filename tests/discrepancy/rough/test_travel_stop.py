@@ -91,8 +91,7 @@ def test_an_ip_that_hunts_or_may_do_so_drives_no_stem_on(
         move(0.0, 10.0, 1, -1, 0), move(12.0, 22.0, -1, 0, -1),
         move(22.0, 32.0, 1, -1, 1), move(34.0, 43.9, -1, 1, -1),
     )  # fmt: skip
-    known = {"k": Known(spring, 1.0), "lag": Known(0.0, 0.01), "F_0": Known(0.0, 1.0)}
-    known |= {"F_c": Known(50.0, 1.0), "F_s": Known(60.0, 1.0)}
+    known = {"k": Known(spring, 1.0), "lag": Known(0.0, 0.01), "F_0": Known(0.0, 1.0), "F_s": Known(60.0, 1.0)}
     view = SimpleNamespace(
         recording=SimpleNamespace(command_pa=force_n if commanded else None),
         reading=SimpleNamespace(
