@@ -111,7 +111,7 @@ def _say_dates(axes: Axes, reader: Reader) -> None:
             """Return what all ticks have in common."""
             return told(super().get_offset())  # type: ignore[no-untyped-call]
 
-    locator = AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
+    locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(Dates(locator))  # type: ignore[no-untyped-call]
 

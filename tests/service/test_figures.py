@@ -297,6 +297,16 @@ def test_a_trend_says_what_its_bars_hold(narrow: bool) -> None:
     assert "bar of friction" not in spring.description
 
 
+def test_four_trends_of_a_month_are_small_on_any_day_of_it() -> None:
+    # on the last days of a month two more dates stand below each of them
+    at = datetime(2026, 11, 30, 12, tzinfo=UTC)
+    points = tuple(TrendPoint(at - timedelta(days=days), 600.0, (590.0, 610.0)) for days in (30, 20, 10, 1))
+    trends = [Trend(name, name, "N", points, 600.0, (500.0, 700.0)) for name in ("a", "b", "c", "d")]
+    drawn = trends_svg(trends, Reader(zone=UTC), narrow=False)
+    assert drawn is not None
+    assert len(drawn.encode()) < 40_000
+
+
 def test_a_forecast_is_drawn_on_to_its_limit_where_it_is_near() -> None:
     last = datetime(2026, 10, 3, 22, 30, tzinfo=UTC)
 
