@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
-from discrepancy.rough.causes import SEEN_CAUSES
+from discrepancy.rough.causes import INPUT_CAUSES, SEEN_CAUSES
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
@@ -89,15 +90,20 @@ def diagnose(
     valve, and only what changed since or is new is told.
     """
     nameplate = nameplate if model is None else model.nameplate(nameplate)
+    input_alone = partial(_by_input, recording, model)
     # behind a dead band or a loop the pressure is no delayed command: then it is read without
     followed = recording if command_loop(recording) is None else replace(recording, command_pa=None)
     reading = as_measured(followed, nameplate)
     if isinstance(reading, Outcome):
-        return _not_assessed(
-            say("no_motion_to_judge", "the recording shows no motion that could be judged: {why}", why=reading.message)
+        return input_alone(
+            say(
+                "no_motion_to_judge",
+                "the recording shows no motion that could be judged: {why}",
+                why=reading.message.formed("clause"),
+            )
         )
     if len(reading.segmentation.directions) < 2:
-        return _not_assessed(_ONE_WAY)
+        return input_alone(_ONE_WAY)
     creeping_m_per_s = _CREEPS * _limit_velocity(estimate)
     lag = _lag(reading, estimate)
     null = _plain(reading, nameplate, lag, creeping_m_per_s)
@@ -109,7 +115,7 @@ def diagnose(
     if null is None:
         null = _plain(reading, nameplate, lag, 0.0, by_slips=True)
     if null is None:
-        return _not_assessed(_NO_SLIDES)
+        return input_alone(_NO_SLIDES)
     late = null.known("lag")
     if not is_settled(lag, late.value):
         # a heavily damped stem: its transients look like friction that falls with speed
@@ -142,12 +148,9 @@ def diagnose(
     if slips and not seen:
         return _not_assessed(_NO_SLIDES)
     if null.known("F_c").value <= 0.0 and not any(cause.is_last for cause, _ in seen):
-        return _not_assessed(_NO_FRICTION)
+        return input_alone(_NO_FRICTION)
     found = _concluded(view, selection, seen, held_out, accepted)
-    if not slips:
-        return found
-    others = say("other_causes", "{finding} Other causes: {why}.", finding=found.message, why=_NO_SLIDES)
-    return replace(found, message=others)
+    return replace(found, not_looked_for=_not_looked_for(_NO_SLIDES)) if slips else found
 
 
 def _lag(reading: Reading, estimate: Estimate | None) -> Known:
@@ -221,6 +224,25 @@ def _limit_velocity(estimate: Estimate | None) -> float:
 
 def _not_assessed(reason: Message) -> RoughDiagnosis:
     return RoughDiagnosis(Verdict.NOT_ASSESSED, say("cannot_tell", "Cannot tell: {why}.", why=reason))
+
+
+def _not_looked_for(reason: Message) -> Message:
+    return say("other_causes_not_looked_for", "Other causes could not be looked for: {why}.", why=reason)
+
+
+def _by_input(recording: Recording, model: SavedModel | None, reason: Message) -> RoughDiagnosis:
+    """What command and pressure show of a valve whose stem shows nothing, for that reason."""
+    accepted = Accepted(model)
+    seen = [(cause, one) for cause in INPUT_CAUSES if (one := cause.seen_in(recording)) is not None]
+    found = tuple(
+        Finding(cause.name, cause.told(one.fitted), cause.action, one.fitted)
+        for cause, one in seen
+        if accepted.has_changed(cause.name, one)
+    )
+    if not found:
+        return _not_assessed(reason)
+    said = joined(" ", [one.sentence for one in found])
+    return RoughDiagnosis(Verdict.NAMED, said, causes=found, not_looked_for=_not_looked_for(reason))
 
 
 def _concluded(

@@ -42,7 +42,7 @@ _WANDER_S: Final = 30.0
 _LOWEST: Final = 1.0e-3  # of the median
 _RANGE: Final = 5.0  # standard deviations of a logarithm at most
 # By how much a bench set and its reading may be off without a fault: of the full force, and of F_c.
-_PRELOAD_SHARE: Final = 0.004
+_PRELOAD_SHARE: Final = 0.003
 _PRELOAD_OF_FRICTION: Final = 0.005
 _NO_SPRING: Final = 1.0e-6  # of F_c over the travel
 _VISCOUS: Final = 0.3  # of F_c at the usual speed

@@ -60,6 +60,7 @@ class RoughDiagnosis:
 
     ``latent`` is friction beyond the mean law before any cause, ``latent_after`` with the causes in the model.
     ``extended`` is the valve with its causes, the accepted ones too, as it may be accepted for later tests.
+    ``not_looked_for`` says why causes that the stem would show were not looked for, "" where they were.
     ``undecided`` is what an ambiguous verdict leaves to be told apart; ``separating_test`` says how a hand does it.
     """
 
@@ -77,6 +78,7 @@ class RoughDiagnosis:
     pictures: Mapping[str, Any] | None = None
     undecided: Undecided | None = None
     separating_test: str | None = None
+    not_looked_for: str = ""
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:

@@ -127,4 +127,6 @@ def shown(diagnosed: RoughDiagnosis, separating: SeparatingTest | None = None) -
         of_verdict: dict[str, list[str]] = {"likely": [_NOT_PROVEN], "ambiguous": [*apart, *by_hand]}
         more = of_verdict.get(found["verdict"], [])
         found["message"] = joined(" ", more) if more else ""
+    if diagnosed.not_looked_for:
+        found["message"] = joined(" ", [one for one in (found["message"], diagnosed.not_looked_for) if one])
     return {**not_assessed(""), **found, "separating_test": None if separating is None else separating.to_json()}

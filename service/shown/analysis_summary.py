@@ -74,6 +74,8 @@ def verdict_lines(analysis: Mapping[str, Any]) -> list[str]:
         )
         separating = found.get("separating_test")
         lines += [to_tell_apart(separating["sentence"])] if separating else []
+    if verdict == "named":
+        lines += _some(message)  # what could not be looked for beside it
     return lines
 
 

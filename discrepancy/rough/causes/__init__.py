@@ -22,7 +22,7 @@ from discrepancy.rough.causes.positioner_dead_band import PositionerDeadBand
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.pressure_dependent_friction import PressureDependentFriction
 from discrepancy.rough.causes.seat_friction import SeatFriction
-from discrepancy.rough.causes.seen import SeenCause
+from discrepancy.rough.causes.seen import InputCause, SeenCause
 from discrepancy.rough.causes.spring_hardening import SpringHardening
 from discrepancy.rough.causes.spring_preload import SpringPreload
 from discrepancy.rough.causes.stribeck_friction import StribeckFriction
@@ -49,17 +49,22 @@ CAUSES: Final[tuple[type[Cause], ...]] = (
     PositionBacklash,
 )
 
-# Causes that the recording shows without a fit.
-SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
-    TravelStopLow(),
-    TravelStopHigh(),
+# Causes that command and pressure show, whatever the stem does.
+INPUT_CAUSES: Final[tuple[InputCause, ...]] = (
     SupplySaturation(),
-    Presliding(),
     ActuatorLeak(),
     PositionerDeadBand(),
     TransducerHysteresis(),
     TransducerLag(),
     TransducerDeadTime(),
+)
+
+# Causes that the recording shows without a fit.
+SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
+    TravelStopLow(),
+    TravelStopHigh(),
+    Presliding(),
+    *INPUT_CAUSES,
     PositionLag(),
     BreakawayScatter(),
 )

@@ -9,27 +9,28 @@ import numpy as np
 from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
-from discrepancy.rough.causes.seen import Seen, SeenCause, View
-from discrepancy.rough.setting import Setting
+from discrepancy.rough.causes.seen import InputCause, Seen, command_and_pressure_pa
 from valve.messages import say
+from valve.recording import Recording
 
 _LEAST: Final = 0.01
+_MOST: Final = 0.8  # more is a wrong unit
 _LEVELS: Final = 20
 _SURE: Final = 5.0
 
 
-class ActuatorLeak(SeenCause):
+class ActuatorLeak(InputCause):
     """The measured pressure is a share of the command."""
 
     name: ClassVar[str] = "actuator_leak"
     action: ClassVar[str] = say(
         "actuator_leak_action", "Look for a leak in the actuator, its diaphragm and the tubing, and calibrate the I/P."
     )
-    is_last: ClassVar[bool] = False
 
-    def seen(self, view: View) -> Seen | None:
+    @override
+    def seen_in(self, recording: Recording) -> Seen | None:
         """Return the share that is missing, by the means at equal commands, rising and falling."""
-        known = view.command_and_pressure_pa()
+        known = command_and_pressure_pa(recording)
         if known is None:
             return None
         command_pa, pressure_pa = known
@@ -47,12 +48,12 @@ class ActuatorLeak(SeenCause):
         left_pa = float(np.std(pressure_pa - design @ found))
         error = left_pa / (float(np.std(command_pa)) * np.sqrt(_LEVELS))
         # a wrong zero is a calibration's, a leak takes a share
-        if leak < _LEAST + _SURE * error or abs(offset_pa) > 0.3 * leak * high_pa:
+        if not _LEAST + _SURE * error < leak < _MOST or abs(offset_pa) > 0.3 * leak * high_pa:
             return None
         return Seen({"leak": Fitted(leak, error, "1")}, None)
 
     @override
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+    def told(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         return say(
             "pressure_below_command",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import ClassVar, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.evidence import Solved
@@ -19,6 +20,8 @@ from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
+
+_FEWEST: Final = 100  # rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,13 +35,20 @@ class View:
     null: Solved
     estimate: Estimate | None
 
-    def command_and_pressure_pa(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return command and pressure of the rows that have both, each of shape (n,); None without either."""
-        command_pa, pressure_pa = self.recording.command_pa, self.recording.pressure_pa
-        if command_pa is None or pressure_pa is None:
-            return None
-        known = np.isfinite(command_pa) & np.isfinite(pressure_pa)
-        return command_pa[known], pressure_pa[known]
+
+def command_and_pressure_pa(recording: Recording) -> tuple[FloatArray, FloatArray] | None:
+    """Return command and pressure of the rows that have both, Pa, each of shape (n,).
+
+    None without either, with too few rows, or where one of them stands still.
+    """
+    command_pa, pressure_pa = recording.command_pa, recording.pressure_pa
+    if command_pa is None or pressure_pa is None:
+        return None
+    known = np.isfinite(command_pa) & np.isfinite(pressure_pa)
+    command_pa, pressure_pa = command_pa[known], pressure_pa[known]
+    if command_pa.size < _FEWEST or min(np.ptp(command_pa), np.ptp(pressure_pa)) <= 0.0:
+        return None
+    return command_pa, pressure_pa
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,3 +80,28 @@ class SeenCause(Protocol):
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told, with numbers."""
         ...
+
+
+class InputCause(SeenCause, Protocol):
+    """A cause that command and pressure show by themselves, whatever the stem does."""
+
+    is_last: ClassVar[bool] = False
+    by_slips: ClassVar[bool] = True
+
+    def seen_in(self, recording: Recording) -> Seen | None:
+        """Return what shows the cause, None where nothing does."""
+        ...
+
+    def told(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told, with numbers."""
+        ...
+
+    @override
+    def seen(self, view: View) -> Seen | None:
+        """Return what shows the cause, None where nothing does."""
+        return self.seen_in(view.recording)
+
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+        """Return what a fitter is told, with numbers."""
+        return self.told(fitted)

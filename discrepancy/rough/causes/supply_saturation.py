@@ -9,10 +9,10 @@ import numpy as np
 from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted, FloatArray
-from discrepancy.rough.causes.seen import Seen, SeenCause, View
-from discrepancy.rough.setting import Setting
+from discrepancy.rough.causes.seen import InputCause, Seen, command_and_pressure_pa
 from estimators.engine.segmentation import moving_mean
 from valve.messages import say
+from valve.recording import Recording
 
 _MISSING: Final = (0.002, 0.01)  # of the span, by which the pressure stays below the command: quiet and noisy
 _SURE: Final = 6.0  # standard deviations of the pressure's noise that it stays below the command
@@ -24,16 +24,16 @@ _LEAST: Final = 0.005  # of the rows
 _ELSEWHERE: Final = 0.01  # of the span: how well it follows below
 
 
-class SupplySaturation(SeenCause):
+class SupplySaturation(InputCause):
     """The measured pressure stays at its top while the command goes on."""
 
     name: ClassVar[str] = "supply_saturation"
     action: ClassVar[str] = say("supply_saturation_action", "Look at the air supply's pressure and its regulator.")
-    is_last: ClassVar[bool] = False
 
-    def seen(self, view: View) -> Seen | None:
+    @override
+    def seen_in(self, recording: Recording) -> Seen | None:
         """Return the highest pressure where the command asks for more."""
-        known = view.command_and_pressure_pa()
+        known = command_and_pressure_pa(recording)
         if known is None:
             return None
         command_pa, pressure_pa = known
@@ -54,7 +54,8 @@ class SupplySaturation(SeenCause):
         flat_pa = float(np.quantile(at_top, 0.95) - np.quantile(at_top, 0.3))
         flat = flat_pa < min(_FLAT * span_pa, max(_STAYS * goes_on_pa, missing_pa))
         below = command_pa < top_pa - 5.0 * _MISSING[1] * span_pa
-        follows = abs(float(np.median(pressure_pa[below] - command_pa[below]))) < _ELSEWHERE * span_pa
+        beside_pa = np.abs(np.median(pressure_pa[below] - command_pa[below])) if below.any() else np.inf
+        follows = float(beside_pa) < _ELSEWHERE * span_pa
         if not (goes_on and flat and follows):
             return None
         limit_pa = float(np.median(at_top))
@@ -71,7 +72,7 @@ class SupplySaturation(SeenCause):
         return _OF_MEDIAN * float(np.median(quick))
 
     @override
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+    def told(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         return say(
             "pressure_limited",

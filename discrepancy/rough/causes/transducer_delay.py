@@ -13,15 +13,13 @@ from typing_extensions import override
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.position_lag import LIMIT_S
-from discrepancy.rough.causes.seen import Seen, SeenCause, View
-from discrepancy.rough.setting import Setting
+from discrepancy.rough.causes.seen import InputCause, Seen, command_and_pressure_pa
 from estimators.engine.force_path import through_command
 from estimators.engine.rows import runs_between_gaps
 from valve.messages import say
 from valve.recording import Recording
 
 _ROWS_S: Final = 0.004
-_FEWEST: Final = 100
 _MOST_LEFT: Final = 0.006  # of the range, rms: what a gauge's noise and a hunting I/P leave beside lag and dead time
 _SURE: Final = 2.0  # standard errors
 
@@ -38,11 +36,11 @@ class Delays:
 def delays(recording: Recording) -> Delays | None:
     """Return how late the measured pressure follows its command; None without either, or where that explains it not."""
     command_pa, pressure_pa = recording.command_pa, recording.pressure_pa
-    if command_pa is None or pressure_pa is None or command_loop(recording) is not None:
+    if command_pa is None or pressure_pa is None or command_and_pressure_pa(recording) is None:
+        return None
+    if command_loop(recording) is not None:
         return None
     known = np.flatnonzero(np.isfinite(command_pa) & np.isfinite(pressure_pa))
-    if known.size < _FEWEST or float(np.ptp(command_pa[known])) <= 0.0:
-        return None
     period_s = float(np.median(np.diff(recording.time_s[known])))
     rows = known[:: max(1, round(_ROWS_S / period_s))]
     time_s = recording.time_s[rows]
@@ -58,7 +56,7 @@ def beyond_limit(known: Fitted) -> bool:
     return known.value - _SURE * known.std_error > LIMIT_S
 
 
-class TransducerLag(SeenCause):
+class TransducerLag(InputCause):
     """The pressure follows the command with a time constant."""
 
     name: ClassVar[str] = "transducer_lag"
@@ -66,15 +64,15 @@ class TransducerLag(SeenCause):
         "transducer_lag_action",
         "Look at the I/P's supply, its filter and the tubing; a booster fills a large actuator faster.",
     )
-    is_last: ClassVar[bool] = False
 
-    def seen(self, view: View) -> Seen | None:
+    @override
+    def seen_in(self, recording: Recording) -> Seen | None:
         """Return the time constant where it is above the limit."""
-        found = delays(view.recording)
+        found = delays(recording)
         return Seen({"lag_s": found.lag}, None) if found is not None and beyond_limit(found.lag) else None
 
     @override
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+    def told(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         return say(
             "pressure_lags",
@@ -83,22 +81,22 @@ class TransducerLag(SeenCause):
         )
 
 
-class TransducerDeadTime(SeenCause):
+class TransducerDeadTime(InputCause):
     """The pressure follows the command after a delay."""
 
     name: ClassVar[str] = "transducer_dead_time"
     action: ClassVar[str] = say(
         "transducer_dead_time_action", "Look for long or narrow tubing and for a device that writes late."
     )
-    is_last: ClassVar[bool] = False
 
-    def seen(self, view: View) -> Seen | None:
+    @override
+    def seen_in(self, recording: Recording) -> Seen | None:
         """Return the dead time where it is above the limit."""
-        found = delays(view.recording)
+        found = delays(recording)
         return Seen({"delay_s": found.dead_time}, None) if found is not None and beyond_limit(found.dead_time) else None
 
     @override
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+    def told(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         return say(
             "pressure_follows_after",

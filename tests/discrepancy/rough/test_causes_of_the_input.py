@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
+from service.analysis.diagnosis import shown
+from service.shown.analysis_summary import verdict_lines
 from tests.support.rough_valves import VALVES, case
 from valve.effects.local_friction import LocalFriction
 from valve.recording import Recording
@@ -109,3 +112,43 @@ def test_a_poor_packing_is_no_fault_of_the_breakaways() -> None:
     made = case("nominal", "multi_rate", "hard", seed=46)
     found = diagnose(made.recording, made.nameplate)
     assert "breakaway_scatter" not in [one.cause for one in found.causes]
+
+
+def _held(recording: Recording) -> Recording:
+    """The same with a stem that its packing holds."""
+    noise_m = 2.0e-5 * np.random.default_rng(5).standard_normal(recording.time_s.size)
+    return replace(recording, position_m=0.01 + noise_m)
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [({}, []), ({"lag_s": 0.3}, ["transducer_lag"]), ({"leak": 0.04}, ["actuator_leak"]),
+     ({"supply_pa": 92.0e3}, ["supply_saturation"]), ({"dead_band_pa": 2.4e3}, ["positioner_dead_band"])],
+)  # fmt: skip
+def test_the_input_is_judged_though_the_stem_does_not_move(path: dict[str, float], named: list[str]) -> None:
+    # why a stem does not move may be why its actuator is short of air
+    made = case("large", "multi_rate", "usual", seed=45, path=path)
+    found = diagnose(_held(made.recording), made.nameplate)
+    assert [one.cause for one in found.causes] == named
+    assert found.verdict is (Verdict.NAMED if named else Verdict.NOT_ASSESSED)
+    said = shown(found)["message"]
+    assert "no motion" in said
+    assert said.startswith("Other causes could not be looked for: " if named else "Cannot tell: ")
+    assert "no motion" in verdict_lines({"discrepancy": shown(found)})[-1]
+
+
+def test_the_input_is_judged_where_the_stem_only_slips() -> None:
+    made = case("slipping", "triangle", "usual", 0.02, 47, path={"supply_pa": 90.0e3})
+    found = diagnose(made.recording, made.nameplate)
+    assert "supply_saturation" in [one.cause for one in found.causes]
+    assert "hardly slides" in shown(found)["message"]
+
+
+@pytest.mark.parametrize(("scale", "noise"), [(1.0 / 6.895, 1.0), (0.0, 1.0), (0.0, 0.0)])
+def test_a_pressure_in_another_unit_or_from_a_dead_gauge_is_no_leak(scale: float, noise: float) -> None:
+    made = case("large", "multi_rate", "usual", seed=45)
+    assert made.recording.pressure_pa is not None
+    noise_pa = 100.0 * noise * np.random.default_rng(6).standard_normal(made.recording.time_s.size)
+    pressure_pa = 3.0e3 + scale * made.recording.pressure_pa + noise_pa
+    found = diagnose(replace(_held(made.recording), pressure_pa=pressure_pa), made.nameplate)
+    assert found.verdict is Verdict.NOT_ASSESSED

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import cast
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.rough.causes.seen import View
 from discrepancy.rough.causes.supply_saturation import SupplySaturation
+from valve.recording import Recording
 
 _SPAN_PA = 80.0e3
 
 
 def _seen(command: npt.NDArray[np.float64], pressure: npt.NDArray[np.float64]) -> float | None:
-    view = SimpleNamespace(command_and_pressure_pa=lambda: (_SPAN_PA * command, _SPAN_PA * pressure))
-    shown = SupplySaturation().seen(cast(View, view))
+    time_s = np.linspace(0.0, 1.0e-3 * (command.size - 1), command.size)
+    recorded = Recording(time_s, np.zeros(command.size), _SPAN_PA * pressure, command_pa=_SPAN_PA * command)
+    shown = SupplySaturation().seen_in(recorded)
     return None if shown is None else shown.fitted["limit_pa"].value
 
 
