@@ -28,11 +28,11 @@ class DualRateSpring(Cause):
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
-        """A rate that changes by up to once k, somewhere in the travel swept."""
+        """A rate that falls to a fifth of k or doubles, somewhere in the travel swept."""
         setting = self.setting
         spring = setting.spring_n_per_m
         return (
-            parameter("rate_change_n_per_m", "N/m", -0.5 * spring, 1.2 * spring, spread=0.1 * spring),
+            parameter("rate_change_n_per_m", "N/m", -0.8 * spring, 1.2 * spring, spread=0.1 * spring),
             parameter("knee_m", "m", setting.low_m, setting.high_m),
         )
 

@@ -22,9 +22,10 @@ class FrictionGradient(Cause):
     action: ClassVar[str] = say("friction_gradient_action", "Look at the guide: out of line, or worn at one end.")
 
     def natural(self) -> tuple[LawParameter, ...]:
-        """Up to once F_c over the travel."""
+        """Up to what leaves no friction at one end of the travel swept."""
+        most = 2.0 * self.setting.friction_n / self.setting.swept_m
         unit = self.setting.friction_n / self.setting.travel_m
-        return (parameter("gradient_n_per_m", "N/m", -1.5 * unit, 1.5 * unit, spread=0.3 * unit),)
+        return (parameter("gradient_n_per_m", "N/m", -most, most, spread=0.3 * unit),)
 
     def friction_n(self, values: FloatArray, where: Where) -> FloatArray:
         """Return g (x - middle)."""
