@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -52,6 +52,7 @@ class Candidate:
     evidence: float
     swing_n: float  # of friction or force that the plain valve does not take up, from its least to its most
     model: Solved
+    without: Solved  # the model without it, at the same hyperparameters
 
     @property
     def values(self) -> FloatArray:
@@ -160,7 +161,9 @@ def refitted(model: Solved, cause: Cause, shape: Shape) -> Candidate:
     # an accepted law has a column already, which takes up any change
     if cause.is_offset or cause.known is not None:
         swing_n = abs(known.value) * float(np.abs(column).max())
-    return Candidate(cause, shape, _shape_errors(base, cause, shape, known.value), known, evidence, swing_n, found)
+    return Candidate(
+        cause, shape, _shape_errors(base, cause, shape, known.value), known, evidence, swing_n, found, base
+    )
 
 
 def _steps(cause: Cause) -> FloatArray:
@@ -244,6 +247,12 @@ def _is_rival(best: Candidate, other: Candidate) -> bool:
     return gap < _RIVAL or (gap < _HALF * best.evidence and other.deviations > _AS_WELL * best.deviations)
 
 
+def _beside_the_best(model: Solved, found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates beside the best that the model does without any: a fit with one may have come upon it."""
+    short = max(0.0, *(model.cost - one.without.cost for one in found)) if found else 0.0
+    return [replace(one, evidence=one.evidence - short) for one in found]
+
+
 def selected(
     null: Solved, causes: Sequence[Cause], *, accepted: Callable[[Solved, Candidate], bool] = lambda _model, _one: True
 ) -> Selection:
@@ -256,7 +265,7 @@ def selected(
         taken = {one.best.cause.name for one in rounds}
         promising = screened(model, [cause for cause in causes if cause.name not in taken])[:_REFITTED]
         found = [refitted(model, cause, shape) for _, cause, shape in promising]
-        found = sorted(found, key=lambda one: -one.evidence)
+        found = sorted(_beside_the_best(model, found), key=lambda one: -one.evidence)
         tried += found
         sound = [one for one in found if one.is_sound and accepted(model, one)]
         next_best = found[0] if found else None

@@ -21,7 +21,6 @@ from valve.effects.travel_stop_low import TravelStopLow as LowEffect
 from valve.messages import say
 
 _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
-_LAGS: Final = 1.5
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
 _UNTOLD: Final = 4.0  # times that where no command tells what an I/P does by itself, and
@@ -126,7 +125,7 @@ class _TravelStop(ABC):
         reading, null = view.reading, view.null
         time_s, force_n = reading.time_s, self.direction * reading.path.force_n
         moves, rests = reading.segmentation.moves, reading.segmentation.rests
-        spring, lag_s = null.known("k").value, max(null.known("lag").value, 0.0)
+        spring = null.known("k").value
         scatter_n = float(np.hypot(null.hyperparameter("scatter"), null.known("F_s").std_error))
         width = 2 * (max(1, round(_SMOOTHED_S / reading.samples.period_s)) // 2) + 1
         hunts_n = float(np.std(moving_mean(reading.path.left_n, width)))
@@ -141,7 +140,7 @@ class _TravelStop(ABC):
             most = rest.first + int(np.argmax(force_n[rest.first : rest.last + 1]))
             went_on_n = _rise(force_n[rest.first : most + 1])
             way_m = went_on_n / spring
-            late = float(time_s[most] - time_s[rest.first]) > max(_LEAST_S, _LAGS * lag_s)
+            late = float(time_s[most] - time_s[rest.first]) > _LEAST_S
             goes_on = went_on_n > least_n
             if not (late and goes_on and way_m > _DRIVEN_BANDS * reading.segmentation.band_m):
                 continue

@@ -235,3 +235,9 @@ def test_a_friction_that_all_but_vanishes_along_the_travel_is_named() -> None:
     # its gradient, twice the friction in the middle over the travel, was said to be beyond what a packing can have
     analysis, _ = diagnosed(judged("hidden", 341))
     assert "friction_gradient" in [one["cause"] for one in analysis["discrepancy"]["causes"]]
+
+
+def test_what_a_better_fit_of_the_plain_valve_explains_is_no_cause() -> None:
+    # a fit with a play of nothing was 11 nats better than the plain one's, which had stopped short
+    analysis, _ = diagnosed(judged("healthy", 229))
+    assert analysis["discrepancy"]["verdict"] == "none"

@@ -106,3 +106,9 @@ def test_an_ip_that_hunts_or_may_do_so_drives_no_stem_on(
         setting=SimpleNamespace(full_force_n=1000.0, high_m=0.05, low_m=0.0, travel_m=0.06),
     )
     assert (TravelStopHigh().seen(cast(View, view)) is not None) == is_stop
+
+
+def test_a_stop_is_seen_by_a_stem_that_is_damped_for_longer_than_the_force_goes_on() -> None:
+    # 0.42 s of a force that went on, behind a stem that is 0.29 s late; four arrivals within 2 um
+    analysis, _ = diagnosed(judged("hidden", 381))
+    assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == ["travel_stop_high"]
