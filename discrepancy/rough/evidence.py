@@ -174,6 +174,12 @@ class Solved:
         at = SYMBOLS.index(symbol)
         return Known(float(self.values[at]), math.sqrt(max(float(self.covariance[at, at]), 0.0)))
 
+    def given(self, symbol: str, value: float) -> Solved:
+        """Return the model whose values are those expected where this symbol has that value."""
+        at = SYMBOLS.index(symbol)
+        step = (value - float(self.values[at])) / max(float(self.covariance[at, at]), 1.0e-300)
+        return replace(self, values=self.values + step * self.covariance[:, at])
+
     def size(self, number: int) -> Known:
         """Return value and standard error of a column's size."""
         at = len(SYMBOLS) + number

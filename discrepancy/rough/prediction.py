@@ -114,13 +114,16 @@ def parameters_of(model: Solved, estimate: Estimate | None, nameplate: Nameplate
     def known(symbol: str) -> float | None:
         return None if estimate is None else estimate.parameters[symbol].value
 
+    damping = known("F_v") or max(_damping(model, estimate), _LEAST_DAMPING)
+    if model.problem.rows.has_spring and model.known("k").value > 0.0:
+        # at one speed what is less viscous is more of the dry friction
+        model = model.given("lag", damping / model.known("k").value)
     spring = max(model.known("k").value, 0.0)
     coulomb_n = max(model.known("F_c").value, 1.0e-6)
-    damping = known("F_v")
     return ValveParameters(
         known("m") or nameplate.actuator.moving_mass_kg or _MASS_KG,
         spring,
-        max(_damping(model, estimate), _LEAST_DAMPING) if damping is None else damping,
+        damping,
         coulomb_n,
         max(model.known("F_s").value, coulomb_n),
         known("DV") or _LIMIT_M_PER_S,

@@ -17,7 +17,7 @@ SAID = {
     "healthy": ("none", [], "Friction varies by 1.6 % along the travel"),
     "tight-spot": ("named", ["local_friction"], "Friction is 495 N (470 to 519) higher between 49.8 and 67.4 %"),
     "play": ("named", ["position_backlash"], "The position reading has 1.40 mm (1.25 to 1.56) of lost motion."),
-    "not-told-apart": ("ambiguous", ["spring_hardening"], "21.7 % (20.0 to 23.4) over the travel"),
+    "not-told-apart": ("ambiguous", ["spring_hardening"], "22.1 % (20.4 to 23.8) over the travel"),
 }
 
 
