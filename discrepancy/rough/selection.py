@@ -249,7 +249,7 @@ def _is_rival(best: Candidate, other: Candidate) -> bool:
 
 def _beside_the_best(model: Solved, found: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates beside the best that the model does without any: a fit with one may have come upon it."""
-    short = max(0.0, *(model.cost - one.without.cost for one in found)) if found else 0.0
+    short = max([0.0, *(model.cost - one.without.cost for one in found)])
     return [replace(one, evidence=one.evidence - short) for one in found]
 
 

@@ -23,9 +23,11 @@ SEEDS = {
     "supply_saturation": 16,
 }
 _LONG = set(SEEDS) - {"friction_gradient"}
-_LEAST_GAIN = 0.7  # of the oracle's
-# The curve that this one makes is a quarter of a percent of F_c: half of what transients may leave, and so no cause.
-_TOO_SMALL = {"diaphragm_area_change"}
+_LEAST_GAIN = 0.75  # of the oracle's
+_SHORT_OF_IT = {
+    "pressure_dependent_friction": "gains 0.70",
+    "diaphragm_area_change": "its curve is a quarter of a percent of F_c, half of what transients may leave: no cause",
+}
 # Four times as coarse as in a long run: a slip is off by a micrometre or two, and the time is a quarter.
 _STEPS = Steps(2.0e-5, 2.0e-4)
 
@@ -35,18 +37,18 @@ def coarser(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.bench.blind.cases.STEPS", _STEPS)
 
 
+def _marks(cause: str) -> list[pytest.MarkDecorator]:
+    short = _SHORT_OF_IT.get(cause)
+    own = [pytest.mark.long] if cause in _LONG else []
+    return own if short is None else [*own, pytest.mark.xfail(strict=True, reason=short)]
+
+
 def graded(case: BlindCase, found: dict[str, Any]) -> Grade:
     return grade(answer_from_json(found), tuple(one.cause for one in case.hidden), case.expected)
 
 
 @pytest.mark.usefixtures("coarser")
-@pytest.mark.parametrize(
-    "cause",
-    [
-        pytest.param(cause, marks=pytest.mark.long) if cause in _LONG else cause
-        for cause in sorted(SEEDS.keys() - _TOO_SMALL)
-    ],
-)
+@pytest.mark.parametrize("cause", [pytest.param(cause, marks=_marks(cause)) for cause in SEEDS])
 def test_what_is_hidden_is_named_and_gains_what_can_be_gained(cause: str) -> None:
     case = blind_case(SEEDS[cause], "triangle")
     assert [one.cause for one in case.hidden] == [cause]
@@ -55,16 +57,6 @@ def test_what_is_hidden_is_named_and_gains_what_can_be_gained(cause: str) -> Non
     gain = found["gain"]
     share = share_of_oracle(gain["rmse_before_m"], gain["rmse_after_m"], case.oracle_rmse_m)
     assert share is None or share > _LEAST_GAIN
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("coarser")
-@pytest.mark.parametrize("cause", sorted(_TOO_SMALL))
-def test_what_makes_too_small_a_curve_is_not_named(cause: str) -> None:
-    assert graded(blind_case(SEEDS[cause], "triangle"), product(blind_case(SEEDS[cause], "triangle")).discrepancy) in {
-        Grade.NONE,
-        Grade.UNEXPLAINED,
-    }
 
 
 @pytest.mark.usefixtures("coarser")
