@@ -35,6 +35,7 @@ from estimators.base import Estimate, Outcome
 from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
+from estimators.engine.slips import lag_of_slips
 from estimators.engine.yielding import WAY
 from valve.messages import Message, joined, say
 from valve.nameplate import Nameplate
@@ -43,8 +44,12 @@ from valve.recording import Recording
 Named = tuple[str, Recording]
 
 _FEWEST_BLOCKS: Final = 6
+_FEWEST_SLIPS: Final = 4  # each way
 _NO_SLIDES: Final = say(
     "stem_hardly_slides", "the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp"
+)
+_NEEDS_SLIDES: Final = say(
+    "needs_slides", "What only a stem that slides shows could not be looked for: {why}.", why=_NO_SLIDES
 )
 _NO_FRICTION: Final = say(
     "friction_not_seen", "what the forces leave has no friction in it: check sensors and nameplate"
@@ -113,11 +118,12 @@ def diagnose(
         null = _plain(reading, nameplate, lag, creeping_m_per_s)
     slips = null is None
     if null is None:
-        null = _plain(reading, nameplate, lag, 0.0, by_slips=True)
+        lag = lag_of_slips(reading)
+        null = _plain(reading, nameplate, lag, 0.0, slips=True)
     if null is None:
         return input_alone(_NO_SLIDES)
     late = null.known("lag")
-    if not is_settled(lag, late.value):
+    if not slips and not is_settled(lag, late.value):
         # a heavily damped stem: its transients look like friction that falls with speed
         longer = Known(late.value, max(late.std_error, _LAG_ERROR * late.value))
         settled = _plain(reading, nameplate, longer, creeping_m_per_s, int(null.problem.rows.is_slide.sum()))
@@ -138,19 +144,23 @@ def diagnose(
     if accepted.laws:
         null = fitted(null.problem, accepted.columns(null.problem))
     view = View(recording, nameplate, reading, setting, null, estimate)
-    candidates = [] if slips else accepted.candidates(setting)
+    candidates = [one for one in accepted.candidates(setting) if one.by_slips or not slips]
     selection = selected(null, [one for one in candidates if rows.has_spring or not one.needs_spring])
+    view = replace(view, null=selection.null)
     seen: list[tuple[SeenCause, Seen]] = []
     for other in SEEN_CAUSES if rows.has_spring else ():
         free = other.by_slips if slips else not other.is_last or not (selection.rounds or seen)
         if free and (shown := other.seen(view)) is not None:
             seen.append((other, shown))
-    if slips and not seen:
-        return _not_assessed(_NO_SLIDES)
     if null.known("F_c").value <= 0.0 and not any(cause.is_last for cause, _ in seen):
         return input_alone(_NO_FRICTION)
     found = _concluded(view, selection, seen, held_out, accepted)
-    return replace(found, not_looked_for=_not_looked_for(_NO_SLIDES)) if slips else found
+    if not slips:
+        return found
+    if found.verdict is Verdict.NONE:
+        # whether friction falls with speed, or grows at rest, does not show
+        return replace(found, verdict=Verdict.NOT_ASSESSED, message=_cannot_tell(_NO_SLIDES))
+    return replace(found, not_looked_for=_NEEDS_SLIDES)
 
 
 def _lag(reading: Reading, estimate: Estimate | None) -> Known:
@@ -194,22 +204,21 @@ def _plain(
     creeping_m_per_s: float,
     of: int = 0,
     *,
-    by_slips: bool = False,
+    slips: bool = False,
     yields_m: float = 0.0,
 ) -> Solved | None:
     """The plain valve whose stem follows that late; None with too little motion, as such and of so many blocks.
 
-    ``by_slips``: it may slide one way only, where breakaways both ways show the rest. ``yields_m``: so far from where
-    the force turned the stem moves without sliding.
+    ``slips``: also from what it does from rest to rest. ``yields_m``: so far from where the force turned the stem moves
+    without sliding.
     """
-    rows = observations(reading, lag).above(creeping_m_per_s)
+    rows = observations(reading, lag, slips=slips).above(creeping_m_per_s)
     if yields_m > 0.0:
         rows = rows.beyond(reading, yields_m)
     slide = rows.is_slide
     fewest = max(_FEWEST_BLOCKS, _KEPT * of)
-    shown = slide if not by_slips else np.ones(rows.count, np.bool_)
-    ways = [int((rows.direction[shown] == way).sum()) for way in (1.0, -1.0)]
-    if int(slide.sum()) < fewest or min(ways) < (_FEWEST_BLOCKS if by_slips else 1):
+    ways = [int((rows.direction[slide] == way).sum()) for way in (1.0, -1.0)]
+    if int(slide.sum()) < fewest or min(ways) < (_FEWEST_SLIPS if slips else 1):
         return None
     problem = problem_of(rows, setting_of(rows, reading, nameplate, creeping_m_per_s), lag)
     return fitted(problem, problem.no_columns)
@@ -222,8 +231,8 @@ def _limit_velocity(estimate: Estimate | None) -> float:
     return estimate.parameters["DV"].value or 0.0
 
 
-def _not_assessed(reason: Message) -> RoughDiagnosis:
-    return RoughDiagnosis(Verdict.NOT_ASSESSED, say("cannot_tell", "Cannot tell: {why}.", why=reason))
+def _cannot_tell(reason: Message) -> Message:
+    return say("cannot_tell", "Cannot tell: {why}.", why=reason)
 
 
 def _not_looked_for(reason: Message) -> Message:
@@ -240,7 +249,7 @@ def _by_input(recording: Recording, model: SavedModel | None, reason: Message) -
         if accepted.has_changed(cause.name, one)
     )
     if not found:
-        return _not_assessed(reason)
+        return RoughDiagnosis(Verdict.NOT_ASSESSED, _cannot_tell(reason))
     said = joined(" ", [one.sentence for one in found])
     return RoughDiagnosis(Verdict.NAMED, said, causes=found, not_looked_for=_not_looked_for(reason))
 

@@ -1,6 +1,7 @@
 """The balance of forces as rows: blocks of driven motion and breakaways, with the coordinates that a law may depend on.
 
-In a block the actuator's force is k x + F_0 + s (F_c + friction) - forces; at a breakaway F_s stands for F_c.
+In a block the actuator's force is k x + F_0 + s (F_c + friction) - forces; at a breakaway F_s stands for F_c. A slip
+from rest to rest is a block, too: over its way the forces do no work, so that their means along it are in balance.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ _TURNING: Final = 0.12  # of a stroke
 _HUNTING_S: Final = 0.15
 _NOISE_S: Final = 0.02  # how long a gauge's noise stays alike, both ways
 _NOISE_GROWS: Final = 3.0  # a coloured noise's size over its steps' from row to row
+_ALONG_WAY: Final = (-0.4, -0.2, 0.0, 0.2, 0.4)  # of a slip's way: the middles of its fifths
+_LEAST_RATE: Final = 1.0e-9  # N/s
 _FIRST_SHARE: Final = 0.5  # of F_s: by how much the first breakaway after an unknown rest may differ
 
 
@@ -70,6 +73,7 @@ class Observations:
     variance_n2: FloatArray
     duration_s: FloatArray
     speed_m_per_s: FloatArray  # by the force's rate where a spring holds the stem, of the stem where none does
+    way_m: FloatArray  # that a row is a mean over, 0 where it is of one place
     has_spring: bool
 
     @property
@@ -97,8 +101,18 @@ class Observations:
             self.variance_n2[chosen],
             self.duration_s[chosen],
             self.speed_m_per_s[chosen],
+            self.way_m[chosen],
             self.has_spring,
         )
+
+    @property
+    def _usually_rested_s(self) -> FloatArray:
+        """How long the rests would have been with the usual breakaway, s.
+
+        On a ramp a stem that breaks away harder has rested longer for that.
+        """
+        later_s = self.direction * (self.force_n - self.smooth_n) / np.maximum(np.abs(self.rate_n_per_s), _LEAST_RATE)
+        return np.maximum(self.rested_s - np.where(self.is_slide, 0.0, later_s), 0.0)
 
     def above(self, speed_m_per_s: float) -> Observations:
         """Return the rows without motion slower than this, all if that leaves too few.
@@ -119,15 +133,23 @@ class Observations:
     def added_n(self, law: Law, values: FloatArray, share: float) -> FloatArray:
         """What a law adds to the actuator's force of each row, N, shape (n,); ``share`` is F_s over F_c."""
         total = np.empty(self.count)
-        for part, slide in ((self.is_slide, True), (~self.is_slide, False)):
-            rate, sign, speed = self.rate_n_per_s[part], self.direction[part], self.speed_m_per_s[part]
-            where = Where(
-                self.time_s[part], self.travel_m[part], speed, self.smooth_n[part], rate, sign, self.rested_s[part],
-                self.before[part],
-            )  # fmt: skip
-            friction_n = law.friction_n(values, where) if slide else law.breakaway_n(values, where, share)
-            total[part] = sign * friction_n - law.force_n(values, where)
+        total[self.is_slide] = self._added_n(law, values, share, self.is_slide, 0.0)
+        total[~self.is_slide] = self._added_n(law, values, share, ~self.is_slide, 0.0)
+        if bool((slips := self.way_m > 0.0).any()):
+            along = [self._added_n(law, values, share, slips, place) for place in _ALONG_WAY]
+            total[slips] = np.mean(along, axis=0)
         return total
+
+    def _added_n(self, law: Law, values: FloatArray, share: float, part: BoolArray, place: float) -> FloatArray:
+        """What a law adds to these rows, all motion or all breakaways, at a place along their way from -1/2 to 1/2."""
+        rate, sign, speed = self.rate_n_per_s[part], self.direction[part], self.speed_m_per_s[part]
+        where = Where(
+            self.time_s[part], self.travel_m[part] + place * self.way_m[part], speed, self.smooth_n[part], rate, sign,
+            self._usually_rested_s[part], self.before[part],
+        )  # fmt: skip
+        slide = bool(self.is_slide[part].all())
+        friction_n = law.friction_n(values, where) if slide else law.breakaway_n(values, where, share)
+        return sign * friction_n - law.force_n(values, where)
 
 
 def as_measured(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
@@ -151,9 +173,16 @@ def settled_s(late_s: float) -> float:
     return min(_SETTLED * late_s + _AFTER_BREAKAWAY_S, _LONGEST_SETTLED_S)
 
 
-def observations(reading: Reading, lag: Known) -> Observations:
-    """Return the rows of a reading; ``lag`` is how late the stem follows the force, s."""
-    time_s, travel_m, rate, force_n, direction, count, duration_s, speed = _blocks(reading, lag)
+def observations(reading: Reading, lag: Known, *, slips: bool = False) -> Observations:
+    """Return the rows of a reading; ``lag`` is how late the stem follows the force, s.
+
+    ``slips``: with those of moves from rest to rest that have no block of driven motion.
+    """
+    table = _blocks(reading, lag)
+    if slips:
+        table = np.hstack([table, _slips(reading, table[0])])
+        table = table[:, np.argsort(table[0], kind="stable")]
+    time_s, travel_m, rate, force_n, direction, count, duration_s, speed, way_m, rested_s, after, late_n2 = table
     found, spring = breakaways(reading), reading.spring_n_per_m
     has_spring = spring > 0.0
     first_s = [reading.time_s[reading.segmentation.rests[one.rest].first] for one in reading.segmentation.breakaways]
@@ -184,12 +213,13 @@ def observations(reading: Reading, lag: Known) -> Observations:
         many([rate, found.rate_n_per_s[kept]]),
         forces_n,
         _smooth(places_m, ways, slide, forces_n),
-        many([np.zeros(time_s.size), rests_s[kept]]),
-        many([np.zeros(time_s.size), before[kept]]),
+        many([rested_s, rests_s[kept]]),
+        many([after, before[kept]]),
         slide,
-        many([noise_n2 / count + reading.path.noise_n**2 + beside_n2 + (_LATE_S * rate) ** 2, of_breakaways]),
+        many([noise_n2 / count + reading.path.noise_n**2 + beside_n2 + late_n2, of_breakaways]),
         many([duration_s, np.zeros(kept.size)]),
         many([rate / spring if has_spring else speed, np.zeros(kept.size)]),
+        many([way_m, np.zeros(kept.size)]),
         has_spring,
     )
 
@@ -232,7 +262,10 @@ def _spans(reading: Reading, settled_s: float) -> list[tuple[int, int, int]]:
 
 
 def _blocks(reading: Reading, lag: Known) -> FloatArray:
-    """Means over pieces of driven motion: time, travel, rate, force, direction, rows, duration, speed; shape (8, n)."""
+    """Means over pieces of driven motion, shape (12, n).
+
+    Time, travel, rate, force, direction, rows, duration, speed, three that are 0, and what transients leave, N^2.
+    """
     time_s, position_m, force_n = reading.time_s, reading.position_m, reading.path.force_n
     period_s = float(np.median(np.diff(time_s)))
     followed_n = force_n
@@ -256,11 +289,44 @@ def _blocks(reading: Reading, lag: Known) -> FloatArray:
                 (
                     float(time_s[rows].mean()), float(position_m[rows].mean()), rate, float(force_n[rows].mean()),
                     float(direction), float(rows.size), float(time_s[rows[-1]] - time_s[rows[0]]) + period_s,
-                    float(away_s @ position_m[reach]) / float(away_s @ away_s),
+                    float(away_s @ position_m[reach]) / float(away_s @ away_s), 0.0, 0.0, 0.0, (_LATE_S * rate) ** 2,
                 )
             )  # fmt: skip
-    table = np.array(columns).reshape(-1, 8).T
+    table = np.array(columns).reshape(-1, 12).T
     return np.ascontiguousarray(table[:, np.argsort(table[0], kind="stable")])
+
+
+def _slips(reading: Reading, driven_s: FloatArray) -> FloatArray:
+    """Means over the way of each move from rest to rest without a block, in the same order, shape (12, n).
+
+    ``driven_s`` are the blocks' times. The rate is that of a force which would drive a stem as quickly as a slip does.
+    Instead of zeros: the way, how long the rest before it was, and the direction of the move before that.
+    """
+    time_s, force_n, spring = reading.time_s, reading.path.force_n, reading.spring_n_per_m
+    rests, period_s = reading.segmentation.rests, reading.samples.period_s
+    arrived = {one.next_rest: one.direction for one in reading.segmentation.moves}
+    slips = [one for one in reading.segmentation.breakaways if one.next_rest >= 0]
+    took_s = max(float(np.median([time_s[one.last] - time_s[one.first] for one in slips] or [0.0])), period_s)
+    columns: list[tuple[float, ...]] = []
+    for move in slips:
+        before, after = rests[move.rest], rests[move.next_rest]
+        way_m, (begin_s, end_s) = abs(after.level_m - before.level_m), time_s[[before.last, after.first]].tolist()
+        if bool(np.any((driven_s >= begin_s) & (driven_s <= end_s))) or way_m <= reading.segmentation.band_m:
+            continue
+        rows = slice(before.last, after.first + 1)
+        gone_m = np.diff(reading.position_m[rows])
+        along_n = 0.5 * (force_n[rows][1:] + force_n[rows][:-1])
+        rate = (force_n[after.first] - force_n[before.last]) / max(end_s - begin_s, period_s)
+        speed, rested_s = move.direction * way_m / took_s, float(time_s[before.last] - time_s[before.first])
+        columns.append(
+            (
+                0.5 * (begin_s + end_s), 0.5 * (before.level_m + after.level_m), speed * spring,
+                float(along_n @ gone_m / gone_m.sum()), float(move.direction), float(after.first - before.last),
+                end_s - begin_s, speed, way_m, rested_s, float(arrived.get(move.rest, 0)),
+                (_INSTANT * period_s * rate) ** 2,
+            )
+        )  # fmt: skip
+    return np.array(columns).reshape(-1, 12).T
 
 
 def _beside(reading: Reading, time_s: FloatArray, duration_s: FloatArray) -> tuple[FloatArray, FloatArray]:

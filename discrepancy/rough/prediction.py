@@ -258,7 +258,7 @@ class Predictor:
         if isinstance(reading, Outcome):
             return None
         lag = lag_after_corners(reading)
-        rows = observations(reading, lag)
+        rows = observations(reading, lag, slips=bool(self.before.problem.rows.way_m.any()))
         whole = None
         if int(rows.is_slide.sum()) >= _FEWEST_ROWS:
             later = _shifted(rows, _ANOTHER_DAY_S)

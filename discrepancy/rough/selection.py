@@ -38,6 +38,7 @@ _MOST_RIVALS: Final = 2
 _LEAST_SWING: Final = 0.005  # of F_c: less may be what transients leave
 _TOO_MUCH: Final = 10.0  # nats beyond what the size's own error allows
 _SECANT: Final = 0.01  # of a size's spread at least: where a law that is not straight in its size is taken
+_STOPPED_SHORT: Final = 0.5  # nats
 _SAME: Final = 1.0e-5  # of a column: what another size or force changes of it
 
 
@@ -247,10 +248,16 @@ def _is_rival(best: Candidate, other: Candidate) -> bool:
     return gap < _RIVAL or (gap < _HALF * best.evidence and other.deviations > _AS_WELL * best.deviations)
 
 
-def _beside_the_best(model: Solved, found: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates beside the best that the model does without any: a fit with one may have come upon it."""
-    short = max([0.0, *(model.cost - one.without.cost for one in found)])
-    return [replace(one, evidence=one.evidence - short) for one in found]
+def _beside_the_best(model: Solved, found: Sequence[Candidate]) -> tuple[Solved, list[Candidate]]:
+    """Return the best model without any of these causes, and the candidates beside it.
+
+    Its own fit may have stopped short of what a fit with one of them came upon.
+    """
+    best = min([model, *(one.without for one in found)], key=lambda one: one.cost)
+    if model.cost - best.cost > _STOPPED_SHORT:
+        model, before = fitted(model.problem, model.columns, best.logarithms), model
+        found = [replace(one, evidence=one.evidence - (before.cost - model.cost)) for one in found]
+    return model, list(found)
 
 
 def selected(
@@ -265,7 +272,9 @@ def selected(
         taken = {one.best.cause.name for one in rounds}
         promising = screened(model, [cause for cause in causes if cause.name not in taken])[:_REFITTED]
         found = [refitted(model, cause, shape) for _, cause, shape in promising]
-        found = sorted(_beside_the_best(model, found), key=lambda one: -one.evidence)
+        model, found = _beside_the_best(model, found)
+        found.sort(key=lambda one: -one.evidence)
+        null = null if rounds else model
         tried += found
         sound = [one for one in found if one.is_sound and accepted(model, one)]
         next_best = found[0] if found else None

@@ -29,9 +29,9 @@ _GOES_ON: Final = 0.5  # of its rate before
 
 
 def lag_of_slips(reading: Reading) -> Known:
-    """How late the stem follows the force, s, roughly: a share of what a slip takes."""
+    """How late the stem follows the force, s, roughly: a share of what a slip takes, one row at least."""
     took_s = [float(reading.time_s[move.last] - reading.time_s[move.first]) for move in reading.segmentation.breakaways]
-    lag_s = _LAG_SHARE * float(np.median(took_s))
+    lag_s = _LAG_SHARE * max(float(np.median(took_s)), reading.samples.period_s)
     return Known(lag_s, lag_s)
 
 

@@ -86,6 +86,7 @@ class Cause(Law, ABC):
     action: ClassVar[str]
     needs_spring: ClassVar[bool] = False
     is_offset: ClassVar[bool] = False  # known by what the nameplate says of the preload
+    by_slips: ClassVar[bool] = True  # whether a stem shows it that hardly slides
 
     def __init__(self, setting: Setting, known: Shape | None = None) -> None:
         self.setting = setting

@@ -55,12 +55,13 @@ class PositionBacklash(Cause):
         return (parameter("play_m", "m", 0.0, 0.05 * self.setting.travel_m, spread=0.008 * self.setting.travel_m),)
 
     def friction_n(self, values: FloatArray, where: Where) -> FloatArray:
-        """Return the spring's force over half of the play."""
-        return np.full(where.count, 0.5 * values[0] * self.setting.spring_n_per_m)
+        """Return the spring's force over half of the play; none over the way of a slip that crosses it."""
+        half_n = 0.5 * values[0] * self.setting.spring_n_per_m
+        return np.where(where.direction * where.before < 0.0, 0.0, half_n)
 
     def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
         """Return the same where the stem goes on; where it turns the opposite, and what the force gained meanwhile."""
-        half_n = self.friction_n(values, where)
+        half_n = np.full(where.count, 0.5 * values[0] * self.setting.spring_n_per_m)
         rate = np.abs(where.rate_n_per_s)
         jump_n = max(share - 1.0, 0.0) * max(self.setting.friction_n - float(half_n.max(initial=0.0)), 0.0)
         # a play hides the jump from the plain valve: then it is taken to reach across

@@ -25,6 +25,8 @@ class StribeckFriction(Cause):
         "stribeck_friction_action", "The stem will stick and slip at low speed: lubricate or change the packing."
     )
 
+    by_slips: ClassVar[bool] = False  # all slips are equally quick
+
     def natural(self) -> tuple[LawParameter, ...]:
         """An excess of up to twice F_c."""
         setting = self.setting

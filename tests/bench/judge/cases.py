@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from tests.bench.judge.strength import best_mean_law, healthy_misfit, sized
 from tests.bench.judge.valves import GRADES, VALVES, Valve, drawn, stem_of
 from valve.recording import Recording
 
-KINDS: Final = ("healthy", "hidden", "play", "pairs", "perfect", "odd")
+KINDS: Final = ("healthy", "hidden", "play", "pairs", "perfect", "odd", "slips")
 _LAG_S: Final = (0.010, 0.030)  # of a healthy I/P
 _DEAD_TIME_S: Final = (0.0, 0.010)
 _FRICTIONS: Final = (
@@ -25,6 +25,22 @@ _FRICTIONS: Final = (
     "dwell_dependent_breakaway",
     "breakaway_scatter",
 )
+# Hidden in stems that stick and slip: what changes their forces.
+_SLIPS: Final = (
+    "friction_asymmetry",
+    "local_friction",
+    "friction_gradient",
+    "friction_drift",
+    "dwell_dependent_breakaway",
+    "pressure_dependent_friction",
+    "spring_preload",
+    "spring_hardening",
+    "dual_rate_spring",
+    "diaphragm_area_change",
+    "position_nonlinearity",
+    "position_backlash",
+)
+_DAMPING: Final = 0.12  # of the valves' own, in stems that slip
 _PLAYS: Final = (0.005, 0.03)  # of the travel
 _STRONG: Final = (10.0, 40.0)
 _MIDDLE: Final = (3.0, 10.0)
@@ -88,7 +104,7 @@ def case(kind: str, seed: int, only: str = "") -> Case:
     }
     held_out, true_rmse_m = None, None
     foretold = {"friction_drift", "breakaway_scatter", "vibration"}
-    if kind in {"hidden", "play", "pairs"} and not path and not foretold & {effect.name for effect in effects}:
+    if kind in {"hidden", "play", "pairs", "slips"} and not path and not foretold & {effect.name for effect in effects}:
         tried = run(setting, hidden, number=1, name="held_out")
         held_out = tried.recording(period_s, with_command)
         true_rmse_m = _true_rmse(setting, made, tried, hidden)
@@ -106,14 +122,14 @@ def _chosen(kind: str, rng: np.random.Generator, only: str, seed: int) -> tuple[
     """Return what is hidden; causes take turns by the seed, so that all of them come up."""
     if only:
         return tuple({**CATALOGUE, **ODD}[name] for name in only.split("+"))
-    if kind == "healthy" or (kind == "perfect" and rng.random() < 0.2):
+    if kind == "healthy" or (kind in {"perfect", "slips"} and rng.random() < 0.2):
         return ()
     if kind == "play":
         return (CATALOGUE["position_backlash"],)
     if kind == "pairs":
         groups = rng.choice(len(_GROUPS), 2, replace=False)
         return tuple(CATALOGUE[str(rng.choice(_GROUPS[group]))] for group in groups)
-    names = {"hidden": tuple(CATALOGUE), "perfect": TRIANGLE, "odd": tuple(ODD)}[kind]
+    names = {"hidden": tuple(CATALOGUE), "perfect": TRIANGLE, "odd": tuple(ODD), "slips": _SLIPS}[kind]
     turn = np.random.default_rng([len(names), seed // len(names)]).permutation(len(names))
     return ({**CATALOGUE, **ODD}[names[turn[seed % len(names)]]],)
 
@@ -124,7 +140,11 @@ def _setting(kind: str, effects: tuple[Effect, ...], rng: np.random.Generator, s
         names = ["vendor", "small"]  # their friction lets them close
     elif any(effect.name in _FRICTIONS for effect in effects) and kind != "perfect":
         names.remove("vendor")  # whose friction nobody minds
+    if kind == "slips":
+        names = ["nominal", "rough", "small", "large"]
     valve = drawn(str(rng.choice(names)), rng)
+    if kind == "slips":
+        valve = replace(valve, F_v=_DAMPING * valve.F_v)
     packing = "usual"
     if kind == "healthy":
         packing = str(rng.choice(["ideal", "mild", "usual", "usual", "hard"]))

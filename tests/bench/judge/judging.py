@@ -109,6 +109,8 @@ def table(cases: Sequence[Mapping[str, Any]]) -> str:
     count((c for c in of.get("perfect", []) if c["truth"]), "perfect valves, triangle", "right 85 / wrong 1 %")
     count((c for c in of.get("perfect", []) if not c["truth"]), "perfect and healthy", "named 0.5 %")
     count(of.get("odd", []), "in no catalogue", "wrong 5 %")
+    count((c for c in of.get("slips", []) if c["truth"]), "stems that slip, of any strength", "")
+    count((c for c in of.get("slips", []) if not c["truth"]), "stems that slip and are healthy", "named 2 %")
     gains = [c["gain"]["share"] for c in cases if c.get("gain") and c["gain"].get("share") is not None]
     if gains:
         worse = np.mean([share < -0.02 for share in gains])

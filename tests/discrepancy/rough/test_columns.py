@@ -11,9 +11,9 @@ import pytest
 from discrepancy.rough.causes import CAUSES
 from discrepancy.rough.causes.friction_gradient import FrictionGradient
 from discrepancy.rough.causes.position_nonlinearity import PositionNonlinearity
-from discrepancy.rough.evidence import SYMBOLS, Solved, fitted, problem_of
+from discrepancy.rough.evidence import SYMBOLS, Solved, fitted, problem_of, solved
 from discrepancy.rough.observations import observations
-from discrepancy.rough.selection import column_of, refitted
+from discrepancy.rough.selection import column_of, refitted, selected
 from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Outcome
 from estimators.engine.lateness import lag_after_corners
@@ -54,6 +54,20 @@ def test_what_a_column_adds_to_the_force_is_found_with_its_size() -> None:
     assert found.evidence > 20.0
     assert found.size.value == pytest.approx(size, abs=4.0 * found.size.std_error)
     assert found.size.std_error < 0.2 * size
+
+
+def test_a_plain_fit_that_stopped_short_goes_on_where_a_fit_with_a_cause_leads() -> None:
+    null, setting = _healthy()
+    cause = FrictionGradient(setting)
+    size = 0.06 * setting.friction_n / setting.travel_m
+    rows = replace(null.problem.rows, force_n=null.problem.rows.force_n + size * column_of(cause, (), null.problem))
+    problem = replace(null.problem, rows=rows)
+    best = fitted(problem, problem.no_columns)
+    short = solved(problem, problem.no_columns, problem.medians + 1.0)
+    assert short.cost > best.cost + 10.0
+    found = selected(short, [cause])
+    assert found.null.cost < best.cost + 1.0
+    assert found.tried[0].evidence == pytest.approx(found.null.cost - found.tried[0].model.cost, abs=0.1)
 
 
 def test_a_bow_is_found_with_its_size_where_the_stem_is_and_not_where_it_reads() -> None:
