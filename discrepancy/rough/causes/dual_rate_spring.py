@@ -28,11 +28,11 @@ class DualRateSpring(Cause):
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
-        """A rate that falls to a fifth of k or doubles, somewhere in the travel swept."""
+        """A rate that falls to a fifth or doubles somewhere in the travel swept; a plain fit's k is a mean of both."""
         setting = self.setting
         spring = setting.spring_n_per_m
         return (
-            parameter("rate_change_n_per_m", "N/m", -0.8 * spring, 1.2 * spring, spread=0.1 * spring),
+            parameter("rate_change_n_per_m", "N/m", -1.4 * spring, 1.2 * spring, spread=0.1 * spring),
             parameter("knee_m", "m", setting.low_m, setting.high_m),
         )
 
@@ -52,9 +52,12 @@ class DualRateSpring(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        entry = fitted["rate_change_n_per_m"]
-        share = entry.in_words("%", 1.0 / self.setting.spring_n_per_m)
-        knee = self.setting.percent(fitted["knee_m"].value)
+        entry, knee_m, setting = fitted["rate_change_n_per_m"], fitted["knee_m"].value, self.setting
+        # least squares give the first rate and this share of the change
+        below = (knee_m - setting.low_m) / setting.swept_m
+        first = setting.spring_n_per_m - entry.value * (1.0 - below) ** 2 * (1.0 + 2.0 * below)
+        share = entry.in_words("%", 1.0 / max(first, setting.spring_n_per_m / 5.0))
+        knee = setting.percent(knee_m)
         if entry.value > 0.0:
             return say(
                 "spring_stiffer_beyond",

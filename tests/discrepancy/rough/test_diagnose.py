@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from tests.bench.judge.cases import case as judged
 from tests.support.rough_valves import HELD_OUT, VALVES, case, rough_valve, sequence
 from valve.diagnostic_waveform import diagnostic
 from valve.effects.base import Effect
+from valve.effects.dual_rate_spring import DualRateSpring
 from valve.effects.friction_drift import FrictionDrift
 from valve.effects.friction_gradient import FrictionGradient
 from valve.effects.local_friction import LocalFriction
@@ -174,6 +176,14 @@ def test_a_cause_at_the_end_of_its_range_is_named_where_its_interval_reaches_int
     found = diagnose(made.recording, made.nameplate)
     assert [one.cause for one in found.causes] == ["pressure_dependent_friction"]
     assert found.causes[0].parameters["share"].value == pytest.approx(0.144, rel=0.1)
+
+
+def test_a_spring_that_falls_to_a_third_beyond_its_knee_is_named() -> None:
+    spring = VALVES[_VALVE][0].spring_rate_n_per_m
+    found = _diagnosed([DualRateSpring(-0.65 * spring, 0.5 * _TRAVEL_M)], 33)
+    assert found.causes[0].cause == "dual_rate_spring"  # it goes on to the end of the sensor
+    assert found.causes[0].parameters["rate_change_n_per_m"].value == pytest.approx(-0.65 * spring, rel=0.05)
+    assert re.match(r"The spring is 6[345]\.\d+ % .* softer beyond 50", found.causes[0].sentence)
 
 
 def test_a_stem_that_slips_all_the_way_still_shows_the_stop_that_it_runs_into() -> None:
