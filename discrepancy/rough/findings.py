@@ -12,10 +12,11 @@ from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.causes.spring_preload import SpringPreload
 from discrepancy.rough.evidence import Solved
-from discrepancy.rough.prediction import effect_percent, parameters_of
+from discrepancy.rough.prediction import effect_percent
 from discrepancy.rough.result import Finding
 from discrepancy.rough.saved_model import SavedModel
 from discrepancy.rough.selection import Candidate, Selection
+from discrepancy.rough.simulation import parameters_of
 
 _UNITS: Final = {"k": "N/m", "F_0": "N", "F_c": "N", "F_s": "N"}
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from discrepancy.rough.evidence import Solved
 from discrepancy.rough.misfit import RoughMisfit
-from discrepancy.rough.prediction import simulated
+from discrepancy.rough.simulation import simulated
 from estimators.engine.reading import Reading
 from valve.errors import ValveError
 from valve.extended_valve import ExtendedValve

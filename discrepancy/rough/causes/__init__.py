@@ -25,7 +25,7 @@ from discrepancy.rough.causes.seat_friction import SeatFriction
 from discrepancy.rough.causes.seen import InputCause, SeenCause
 from discrepancy.rough.causes.spring_hardening import SpringHardening
 from discrepancy.rough.causes.spring_preload import SpringPreload
-from discrepancy.rough.causes.stribeck_friction import StribeckFriction
+from discrepancy.rough.causes.stribeck_friction import SticksAgain, StribeckFriction
 from discrepancy.rough.causes.supply_saturation import SupplySaturation
 from discrepancy.rough.causes.transducer_delay import TransducerDeadTime, TransducerLag
 from discrepancy.rough.causes.transducer_hysteresis import TransducerHysteresis
@@ -66,5 +66,6 @@ SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
     Presliding(),
     *INPUT_CAUSES,
     PositionLag(),
+    SticksAgain(),
     BreakawayScatter(),
 )
