@@ -72,6 +72,7 @@ class AnalysisProcess:
         self._niceness = niceness
         self._bounds = {"most_rows": most_rows, "most_memory_bytes": most_memory_bytes}
         self._turn = asyncio.Lock()
+        self._reading = asyncio.Lock()  # of a worker's answers: of two readers asyncio loses one
         self._worker: Process | None = None
         self._ready = False
         self._closed = False
@@ -162,7 +163,7 @@ class AnalysisProcess:
     async def _discard(self) -> None:
         worker, self._worker = self._worker, None
         if worker is not None:
-            await _ended(worker)
+            await _ended(worker, self._reading)
 
     async def _attempt(self, job: dict[str, Any], progress: Progress | None) -> dict[str, Any]:
         worker, answered = await self._started(), False
@@ -264,7 +265,7 @@ class AnalysisProcess:
             if left_s <= 0.0:
                 raise InternalError(self._too_long(what))
             with suppress(TimeoutError):
-                async with asyncio.timeout(left_s):
+                async with asyncio.timeout(left_s), self._reading:
                     line = await worker.stdout.readline()
         if not line.endswith(b"\n"):
             with suppress(TimeoutError):
@@ -289,8 +290,11 @@ def _alive(worker: Process) -> bool:
         return False
 
 
-async def _ended(worker: Process) -> None:
-    """Kill the worker, which holds nothing that needs saving, and take away all that is left of it."""
+async def _ended(worker: Process, reading: asyncio.Lock) -> None:
+    """Kill the worker, which holds nothing that needs saving, and take away all that is left of it.
+
+    ``reading`` is held by the job that is being ended until it has read the end.
+    """
     with suppress(ProcessLookupError):
         worker.kill()
     if worker.stdin is not None:
@@ -298,7 +302,7 @@ async def _ended(worker: Process) -> None:
         with suppress(ConnectionError):
             await worker.stdin.wait_closed()
     if worker.stdout is not None:
-        with suppress(RuntimeError):  # the job that is being ended reads already
+        async with reading:
             await worker.stdout.read()  # to its end, so that the pipe is closed with the process
     await worker.wait()
 

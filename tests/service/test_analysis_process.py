@@ -84,6 +84,31 @@ async def test_one_worker_answers_one_job_after_the_other() -> None:
     assert told == [(0.0, "getting the analysis ready"), (0.5, "half")]
 
 
+async def test_a_worker_that_is_telling_how_far_it_is_can_be_ended_at_any_moment() -> None:
+    # its words and its end come while the job and the one who ends it both wait for them
+    tells = """
+import sys
+print('{"ready": true}', flush=True)
+sys.stdin.readline()
+while True:
+    print('{"progress": 0.5, "phase": "half"}', flush=True)
+"""
+    for pause_s in np.linspace(0.0, 2.0e-3, 12):
+        process = AnalysisProcess(command=(sys.executable, "-c", tells))
+        heard = asyncio.Event()
+
+        def hear(share: float, _phase: str, heard: asyncio.Event = heard) -> None:
+            if share > 0.0:
+                heard.set()
+
+        job = asyncio.create_task(process.analyze("a.csv", PLATE, hear))
+        await heard.wait()
+        await asyncio.sleep(float(pause_s))
+        async with asyncio.timeout(20.0):
+            await process.close()
+        assert isinstance((await asyncio.gather(job, return_exceptions=True))[0], InternalError)
+
+
 async def test_an_error_of_the_worker_arrives_as_the_same_class_and_the_worker_stays() -> None:
     async with AnalysisProcess(command=WORKER) as process:
         pid = process.worker_pid
