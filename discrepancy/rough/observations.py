@@ -314,7 +314,9 @@ def _slips(reading: Reading, driven_s: FloatArray) -> FloatArray:
         if bool(np.any((driven_s >= begin_s) & (driven_s <= end_s))) or way_m <= reading.segmentation.band_m:
             continue
         rows = slice(before.last, after.first + 1)
-        gone_m = np.diff(reading.position_m[rows])
+        gone_m = np.maximum(move.direction * np.diff(reading.position_m[rows]), 0.0)  # noise goes back, too
+        if not gone_m.any():
+            continue
         along_n = 0.5 * (force_n[rows][1:] + force_n[rows][:-1])
         rate = (force_n[after.first] - force_n[before.last]) / max(end_s - begin_s, period_s)
         speed, rested_s = move.direction * way_m / took_s, float(time_s[before.last] - time_s[before.first])
