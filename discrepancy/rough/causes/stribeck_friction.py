@@ -92,7 +92,7 @@ class SticksAgain(SeenCause):
         """Return the excess and its speed where it gives as many rests as there are, and no plain stem is as near."""
         plain = parameters_of(view.null, view.estimate, view.nameplate)
         coulomb, static = view.null.known("F_c"), view.null.known("F_s")
-        if static.value <= coulomb.value:
+        if not 0.0 < coulomb.value < static.value or plain.spring_rate_n_per_m <= 0.0:
             return None
         rests = _rests(view)
         usual = _simulated(ExtendedValve(plain), view)

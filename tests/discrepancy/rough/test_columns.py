@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from discrepancy.rough.causes import CAUSES
+from discrepancy.rough.causes.base import Cause
 from discrepancy.rough.causes.friction_gradient import FrictionGradient
 from discrepancy.rough.causes.position_nonlinearity import PositionNonlinearity
-from discrepancy.rough.evidence import SYMBOLS, Solved, fitted, problem_of, solved
+from discrepancy.rough.evidence import SYMBOLS, Problem, Solved, fitted, problem_of, solved
 from discrepancy.rough.observations import observations
 from discrepancy.rough.selection import column_of, refitted, selected
 from discrepancy.rough.setting import Setting, setting_of
@@ -34,6 +35,12 @@ def _healthy() -> tuple[Solved, Setting]:
     return fitted(problem, problem.no_columns), setting
 
 
+def _with(cause: Cause, size: float, null: Solved) -> Problem:
+    """The healthy valve's problem with what a cause of this size adds to the force."""
+    rows = null.problem.rows
+    return replace(null.problem, rows=replace(rows, force_n=rows.force_n + size * column_of(cause, (), null.problem)))
+
+
 @pytest.mark.parametrize("symbol", ["k", "F_0", "F_c"])
 def test_a_column_of_a_parameter_of_the_plain_valve_scores_nothing(symbol: str) -> None:
     null, setting = _healthy()
@@ -48,8 +55,7 @@ def test_what_a_column_adds_to_the_force_is_found_with_its_size() -> None:
     null, setting = _healthy()
     cause = FrictionGradient(setting)
     size = 0.3 * setting.friction_n / setting.travel_m
-    rows = replace(null.problem.rows, force_n=null.problem.rows.force_n + size * column_of(cause, (), null.problem))
-    problem = replace(null.problem, rows=rows)
+    problem = _with(cause, size, null)
     found = refitted(fitted(problem, problem.no_columns), cause, ())
     assert found.evidence > 20.0
     assert found.size.value == pytest.approx(size, abs=4.0 * found.size.std_error)
@@ -59,9 +65,7 @@ def test_what_a_column_adds_to_the_force_is_found_with_its_size() -> None:
 def test_a_plain_fit_that_stopped_short_goes_on_where_a_fit_with_a_cause_leads() -> None:
     null, setting = _healthy()
     cause = FrictionGradient(setting)
-    size = 0.06 * setting.friction_n / setting.travel_m
-    rows = replace(null.problem.rows, force_n=null.problem.rows.force_n + size * column_of(cause, (), null.problem))
-    problem = replace(null.problem, rows=rows)
+    problem = _with(cause, 0.06 * setting.friction_n / setting.travel_m, null)
     best = fitted(problem, problem.no_columns)
     short = solved(problem, problem.no_columns, problem.medians + 1.0)
     assert short.cost > best.cost + 10.0
