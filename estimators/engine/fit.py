@@ -47,6 +47,7 @@ _HOT: Final = 10.0  # noise so many times as large: what is left says nothing of
 _DONE: Final = 0.05  # of a unit of the sum of squares
 _NEARLY_DONE: Final = 0.5  # the same where a fit goes on
 _LONGEST_INSTANT_S: Final = 0.004
+_PROMISED: Final = 0.01  # of what a descent is done at: a step that promises no more is not tried
 _PASSES: Final = 6  # of finding out which unknowns a step's limits hold
 _LOOSE: Final = 1.0e3  # of F_s: a scatter that says nothing
 _NEAR_LIMIT: Final = 0.6  # of the usual speed: a limit velocity that one start tries
@@ -96,48 +97,60 @@ def _prior_terms(model: Model, unknowns: Unknowns, one: Linearised) -> tuple[Flo
     return normal, right
 
 
-def _solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Quadratic:
+    """The sum of squares about a point as its equations have it, in unknowns scaled to a diagonal of ones.
+
+    ``scaled``: shape (n, n); ``right``: shape (n,), in the scaled unknowns; ``scale``: shape (n,), of one each.
+    """
+
+    scaled: FloatArray
+    right: FloatArray
+    scale: FloatArray
+
+    def within(self, damping: float, box: tuple[FloatArray, FloatArray]) -> FloatArray | None:
+        """Return the damped step within a box: what would leave it is held at its side, and the others answer to that.
+
+        Cutting a step afterwards, without their answer, would leave m and F_v where a filter that may not be shorter
+        put them. The answer takes the columns of the inverse that belong to what is held: no second factorisation.
+        """
+        damped = self.scaled.copy()
+        damped[np.diag_indices_from(damped)] += damping + 1.0e-12
+        try:
+            factor = cho_factor(damped, lower=True, check_finite=False, overwrite_a=True)
+        except LinAlgError:
+            return None
+        free = cho_solve(factor, self.right, check_finite=False)
+        low, high = (side / self.scale for side in box)
+        step, held = free, np.zeros(free.size, np.bool_)
+        for _ in range(_PASSES):
+            beyond = (step < low) | (step > high)
+            if not (beyond & ~held).any():
+                return np.asarray(self.scale * step)
+            held |= beyond
+            at = np.flatnonzero(held)
+            fixed = np.clip(step[at], low[at], high[at])
+            columns = np.zeros((free.size, at.size), order="F")
+            columns[at, np.arange(at.size)] = 1.0
+            columns = cho_solve(factor, columns, check_finite=False, overwrite_b=True)
+            step = free - columns @ np.linalg.solve(columns[at], free[at] - fixed)
+            step[at] = fixed
+        return np.asarray(self.scale * np.clip(step, low, high))
+
+    def promised(self, step: FloatArray) -> float:
+        """Return by how much a step, shape (n,), lowers the sum of squares if the equations are right."""
+        scaled = step / self.scale
+        return float(2.0 * self.right @ scaled - scaled @ self.scaled @ scaled)
+
+
+def _quadratic(normal: FloatArray, right: FloatArray) -> _Quadratic:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
-    scaled = normal * np.outer(scale, scale)
-    scaled[np.diag_indices_from(scaled)] += damping + 1.0e-12
-    try:
-        factor = cho_factor(scaled, lower=True, check_finite=False, overwrite_a=True)
-    except LinAlgError:
-        return None
-    return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
+    return _Quadratic(normal * scale * scale[:, np.newaxis], right * scale, scale)
 
 
 def _is_finite(normal: FloatArray, right: FloatArray) -> bool:
     """Whether these are numbers: the slopes of a motion that runs away are none, which no factorisation refuses."""
     return bool(np.isfinite(normal).all() and np.isfinite(right).all())
-
-
-def _within(
-    normal: FloatArray, right: FloatArray, damping: float, box: tuple[FloatArray, FloatArray]
-) -> FloatArray | None:
-    """The step within a box: what would leave it is held at its side, and the others answer to that.
-
-    Cutting a step afterwards, without their answer, would leave m and F_v where a filter that may not be shorter put
-    them.
-    """
-    low, high = box
-    step = _solved(normal, right, damping)
-    held = np.zeros(right.size, np.bool_)
-    for _ in range(_PASSES):
-        if step is None:
-            return None
-        beyond = (step < low) | (step > high)
-        if not (beyond & ~held).any():
-            return step
-        held |= beyond
-        fixed = np.clip(step, low, high)
-        free = ~held
-        part = _solved(normal[np.ix_(free, free)], right[free] - normal[np.ix_(free, held)] @ fixed[held], damping)
-        if part is None:
-            return None
-        step = fixed
-        step[free] = part
-    return None if step is None else np.clip(step, low, high)
 
 
 def _box(unknowns: Unknowns, model: Model) -> tuple[FloatArray, FloatArray]:
@@ -181,10 +194,12 @@ def descend(
         normal, right = _prior_terms(model, unknowns, model.linearised(unknowns, paths))
         if not _is_finite(normal, right):
             break
-        gained, box = 0.0, _box(unknowns, model)
+        gained, box, about = 0.0, _box(unknowns, model), _quadratic(normal, right)
         while damping < _MOST_DAMPING:
-            step = _within(normal, right, damping, box)
+            step = about.within(damping, box)
             if step is not None:
+                if about.promised(step) < _PROMISED * done:
+                    break
                 tried = unknowns.moved(step)
                 tried_paths = model.followed_paths(tried, paths)
                 new = model.squares(tried, tried_paths)
