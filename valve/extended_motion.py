@@ -21,7 +21,7 @@ from valve.kernel.follow_extended import follow_extended
 from valve.kernel.input_path import lagged_corners, transformed
 from valve.kernel.modes import FOLLOWED
 from valve.messages import say
-from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, motion_error
+from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, float_array, motion_error
 from valve.stem import FloatArray, ModeArray, ModeChanges, StemState
 
 LONGEST_SUB_STEP_S: Final = 5.0e-3
@@ -164,6 +164,8 @@ class ExtendedStem:
             at_rest = (rests.time_s, rests.position_m, rests.since_s)
         if outputs is None:
             outputs = (_NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_MODES, _NO_VALUES)
+        # each form of an array is a kernel of its own, which takes ten seconds to compile
+        force_time_s, force_n, time_s = (float_array(one) for one in (*corners, outputs[0]))
         room = min(room, self.most_events)
         event_time_s, event_mode = np.empty(room), np.empty(room, np.int8)
         before = vector.copy()
@@ -171,9 +173,10 @@ class ExtendedStem:
             self._slots,
             self._curves,
             vector,
-            *corners,
+            force_time_s,
+            force_n,
             end_s,
-            outputs[0],
+            time_s,
             *at_rest,
             *outputs[1:],
             event_time_s,

@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 
 FloatArray = npt.NDArray[np.float64]
 Sizes = tuple[float, float, float, float, float]
+Places = tuple[FloatArray, FloatArray, FloatArray]
 
 # How smooth friction is along the travel: exponential, Matern 3/2, and Gaussian correlation.
 EDGED: Final = 0
@@ -171,9 +172,7 @@ def _covariance(
 
 
 @njit(cache=True, error_model="numpy")
-def _slopes(
-    places: tuple[FloatArray, FloatArray, FloatArray], sizes: Sizes, smoothness: int, weight: FloatArray
-) -> FloatArray:
+def _slopes(places: Places, sizes: Sizes, smoothness: int, weight: FloatArray) -> FloatArray:
     """Sums of the weights times the covariance's slopes by the logarithms of its five hyperparameters."""
     travel_m, time_s, direction = places
     common, own, length_m, wander, wander_s = sizes
@@ -203,6 +202,11 @@ def _sizes(roughness: Roughness) -> Sizes:
     return roughness.common_n**2, roughness.own_n**2, roughness.length_m, roughness.wander_n**2, roughness.wander_s
 
 
+def _contiguous(travel_m: FloatArray, time_s: FloatArray, direction: FloatArray) -> Places:
+    """The same as the kernels were compiled for: for a view they would be once more, in seconds."""
+    return np.ascontiguousarray(travel_m), np.ascontiguousarray(time_s), np.ascontiguousarray(direction)
+
+
 def field_covariance(
     travel_m: FloatArray, time_s: FloatArray, direction: FloatArray, roughness: Roughness, smoothness: int
 ) -> FloatArray:
@@ -210,7 +214,8 @@ def field_covariance(
 
     ``travel_m``, ``time_s`` and ``direction``: shape (n,), SI.
     """
-    return np.asarray(_covariance(travel_m, time_s, direction, _sizes(roughness), smoothness))
+    places = _contiguous(travel_m, time_s, direction)
+    return np.asarray(_covariance(*places, _sizes(roughness), smoothness))
 
 
 def field_slopes(
@@ -226,7 +231,8 @@ def field_slopes(
 
     ``weight``: shape (n, n), symmetric. The slope by ``error`` is left to the caller: it is no part of the field.
     """
-    return np.asarray(_slopes((travel_m, time_s, direction), _sizes(roughness), smoothness, weight))
+    places = _contiguous(travel_m, time_s, direction)
+    return np.asarray(_slopes(places, _sizes(roughness), smoothness, weight))
 
 
 @njit(cache=True, error_model="numpy")

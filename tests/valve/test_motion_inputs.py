@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from valve.errors import MotionError, ParameterError, RecordingError, WaveformError
+from valve.extended_motion import ExtendedStem
+from valve.extended_state import ExtendedState
+from valve.extended_valve import ExtendedValve
 from valve.kernel.follow import follow
+from valve.kernel.follow_extended import follow_extended
 from valve.motion import (
     Mode,
     StemIntegrator,
@@ -74,6 +78,17 @@ def test_integers_and_lists_do_as_well_as_floats_and_arrays() -> None:
     assert StemIntegrator(P).ramp(StemState(0, 0), 1, 0, 4000) == simulate_motion(P, [0, 1], [0, 4000], [1]).final_state
     simulate_batch([P], [0, 1], [0, 4000], [0, 1], initial=[StemState(0, 0)])
     assert len(follow.signatures) == compiled, "another compilation costs seconds"
+
+
+def test_columns_of_a_table_run_the_kernel_that_is_there() -> None:
+    # the first diagnosis of a measured record compiled the largest kernel again, for a view of its rows
+    stem, table = ExtendedStem(ExtendedValve(P)), np.array([[0.0, 0.0], [1.0, 4000.0], [2.0, 0.0]])
+    time_s, force_n = table.T.copy()
+    whole = stem.motion(ExtendedState(), time_s, force_n, time_s)
+    compiled = len(follow_extended.signatures)
+    same = stem.motion(ExtendedState(), table[:, 0], table[:, 1], table[:, 0])
+    assert np.array_equal(whole.sensed_m, same.sensed_m)
+    assert len(follow_extended.signatures) == compiled, "another compilation costs ten seconds"
 
 
 def test_arrays_that_must_not_be_written_are_taken() -> None:
