@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo mqtt test quick long check kernels collected bench faults blind clean lock fuzz compose-check
+.PHONY: help demo mqtt test quick long check kernels stems collected bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -42,7 +42,10 @@ check: $(VENV)/.dev  ## style, types and import contracts
 kernels: $(VENV)/.runtime
 	@$(BIN)/python -c "from service.workers.warm_up import warm_up; warm_up()"
 
-collected: kernels
+stems: $(VENV)/.dev
+	@$(BIN)/python -c "from tests.support.rough_valves import case; case('nominal', 'triangle', 'usual', 0.02, 0)"
+
+collected: kernels stems
 	@$(BIN)/pytest --collect-only -qq >/dev/null
 
 # Kernels and tests are compiled beside the checks, which use one core: workers would compile the same at the same time.
@@ -50,7 +53,7 @@ collected: kernels
 # file stay together, as they share what was simulated once, and files come in order: no long one is the last.
 # Hundreds keep real time, and a machine that stalls for a second fails one: what failed is asked once more, alone.
 test: $(VENV)/.dev  ## the checks, then every test
-	@$(MAKE) --no-print-directory -j 2 check collected
+	@$(MAKE) --no-print-directory -j 3 check collected
 	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS) || \
 	  { echo "Asked once more, alone:" >&2; $(BIN)/pytest --last-failed --last-failed-no-failures none $(ARGS); }
 

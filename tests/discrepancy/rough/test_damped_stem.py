@@ -10,7 +10,10 @@ from tests.bench.judge.cases import case
 
 @pytest.mark.parametrize(
     ("seed", "verdict", "name"),
-    [(94, "named", "transducer_lag"), (56, "ambiguous", "friction_asymmetry")],
+    [
+        (94, "named", "transducer_lag"),
+        pytest.param(56, "ambiguous", "friction_asymmetry", marks=pytest.mark.long),
+    ],
 )
 def test_a_damped_stem_is_blamed_for_nothing_but_what_is_hidden(seed: int, verdict: str, name: str) -> None:
     # 0.36 s behind an I/P that hunts: a friction that drifts was named besides, or all was "changes in time"

@@ -104,6 +104,7 @@ def test_a_stop_inside_the_travel_is_named_where_it_is() -> None:
     assert found.causes[0].parameters["position_m"].value == pytest.approx(0.75 * _TRAVEL_M, abs=1.0e-4)
 
 
+@pytest.mark.long
 def test_a_reading_bowed_by_six_percent_of_the_travel_is_no_spring_that_hardens() -> None:
     # a bow so large was taken for unlikely beforehand: a flow force came first
     analysis, _ = diagnosed(judged("hidden", 441, only="position_nonlinearity"))
@@ -225,7 +226,7 @@ def test_a_preload_that_is_2_percent_of_the_full_force_off_its_bench_set_is_name
     assert found.gain.rmse_after_m < 0.3 * found.gain.rmse_before_m
 
 
-@pytest.mark.parametrize(("valve", "seed"), [("large", 71), ("small", 72)])
+@pytest.mark.parametrize(("valve", "seed"), [("large", 71), pytest.param("small", 72, marks=pytest.mark.long)])
 def test_a_stem_is_simulated_with_the_damping_that_the_estimate_knows_badly(valve: str, seed: int) -> None:
     # on slow rows F_v is known too badly to be given; with none a stem slips in steps that slides: 6 times the error
     actuator, coulomb_n = VALVES[valve][1].actuator, VALVES[valve][0].coulomb_friction_n
@@ -241,6 +242,7 @@ def test_a_stem_is_simulated_with_the_damping_that_the_estimate_knows_badly(valv
     assert found.gain.rmse_after_m < 0.4 * found.gain.rmse_before_m
 
 
+@pytest.mark.long
 def test_a_friction_that_all_but_vanishes_along_the_travel_is_named() -> None:
     # its gradient, twice the friction in the middle over the travel, was said to be beyond what a packing can have
     analysis, _ = diagnosed(judged("hidden", 341))

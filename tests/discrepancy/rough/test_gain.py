@@ -8,9 +8,8 @@ from tests.bench.judge.__main__ import diagnosed
 from tests.bench.judge.cases import case
 
 
-@pytest.mark.parametrize(
-    ("seed", "cause"), [(136, "dual_rate_spring"), pytest.param(79, "travel_stop_high", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "cause"), [(136, "dual_rate_spring"), (79, "travel_stop_high")])
 def test_behind_a_late_converter_the_cause_predicts_as_well_as_the_true_law(seed: int, cause: str) -> None:
     # driven by the command itself the simulated stem was 20 ms ahead: what was left was 0.4 mm instead of 0.03
     made = case("hidden", seed)

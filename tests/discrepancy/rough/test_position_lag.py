@@ -40,7 +40,8 @@ def test_a_slow_reading_is_named_with_its_lag(valve: str, sequence: str) -> None
         assert not found.gain.is_far_worse
 
 
-@pytest.mark.parametrize("seed", [328, pytest.param(322, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [328, 322])
 def test_the_tail_of_a_slow_reading_is_no_row_of_rests(seed: int) -> None:
     # 376 ms of 500, and what was left out was predicted worse with it; m and F_v were those of the reading
     analysis, _ = diagnosed(judged("hidden", seed, "position_lag"))

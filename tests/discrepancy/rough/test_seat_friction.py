@@ -53,6 +53,7 @@ def test_friction_at_the_seat_is_named_with_its_size(valve: str, rise: float, wi
     assert "near closed" in found.causes[0].sentence
 
 
+@pytest.mark.long
 def test_slow_rows_that_hardly_show_a_breakaway_hide_no_friction_at_the_seat() -> None:
     # on rows of 20 ms its breakaways seem to differ by 23 N of 40, known to a third: nothing to leave a cause open for
     analysis, _ = diagnosed(judged("hidden", 258))

@@ -32,11 +32,13 @@ def test_a_damped_stem_that_sticks_on_slow_ramps_has_a_friction_that_falls(
     assert not found.gain.is_worse  # on the quick ramps at the end it hardly shows
 
 
+@pytest.mark.long
 def test_it_is_found_in_another_generators_valve() -> None:
     analysis, _ = diagnosed(judged("hidden", 684, only="stribeck_friction"))
     assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == ["stribeck_friction"]
 
 
+@pytest.mark.long
 def test_without_the_mass_a_heavier_stem_would_stick_as_often() -> None:
     # 21 kg behind 3 kNs/m are as near as any falling friction
     analysis, _ = diagnosed(judged("hidden", 666, only="stribeck_friction"))

@@ -101,13 +101,16 @@ def _assert_right(test: Recorded, most: dict[str, float]) -> None:
         assert one.ci95[0] < truth[symbol] < one.ci95[1]
 
 
+@pytest.mark.long
 def test_a_damped_stem_that_stops_at_once_shows_its_lag_by_how_it_starts() -> None:
     # the paper's triangle drives the graphite valve at 1.08 times its limit velocity: after a corner it rests at once
     test = recorded("graphite", noise_m=2.0e-5)
     _assert_right(test, {"F_c": 0.02, "F_s": 0.02, "k": 0.002, "DV": 0.05})
 
 
-@pytest.mark.parametrize(("seed", "may_creep"), [(203, True), (859, True), (201, False)])
+@pytest.mark.parametrize(
+    ("seed", "may_creep"), [(203, True), pytest.param(859, True, marks=pytest.mark.long), (201, False)]
+)
 def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_creep: bool) -> None:
     # two graphite valves on ramps slower than DV, where F_c comes out 30 and 50 % too large; a nominal valve that jumps
     test, *_ = scattered_test(seed)
@@ -119,6 +122,7 @@ def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(seed: int, may_c
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2e-3)
 
 
+@pytest.mark.long
 def test_a_stem_that_creeps_on_its_slowest_ramp_alone_is_not_doubted() -> None:
     # 3.1 mm/s beside a DV of 3.3, and ramps of 10 to 31 mm/s besides
     made = case("graphite", "multi_rate", "mild", 5.0e-3, seed=80)
@@ -129,6 +133,7 @@ def test_a_stem_that_creeps_on_its_slowest_ramp_alone_is_not_doubted() -> None:
     assert abs(off) < half < 0.05
 
 
+@pytest.mark.long
 def test_a_stem_that_creeps_on_slow_ramps_and_is_known_by_its_balance_alone_is_not_called_ok() -> None:
     # slips of 0.4 mm in 20 um of noise, ramps of 2 to 12 mm/s beside a DV of 5: F_c comes out 40 % too large
     made = case("small", "multi_rate", "ideal", 5.0e-3, seed=12, position={"noise_rms": 2.0e-5})
@@ -168,6 +173,7 @@ def test_a_valve_whose_jumps_are_seen_has_no_effective_friction() -> None:
     assert not estimate.parameters["F_c"].note
 
 
+@pytest.mark.long
 def test_a_friction_that_its_balance_has_below_zero_within_its_error_is_no_wrong_sign() -> None:
     # 0.3 % of the force, behind a stem's lag that its corners show to +-140 %: it was told to check signs and units
     made = random_test(2048)

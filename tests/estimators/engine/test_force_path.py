@@ -89,8 +89,8 @@ def test_the_pressure_of_an_ip_that_lags_has_no_sharp_turn() -> None:
     assert np.interp(between_s, *path.knots(time_s)) == pytest.approx(np.interp(between_s, time_s, path.force_n))
 
 
-def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_damping() -> None:
-    """A gauge of 20 ms is louder at low frequencies; let through, it made F_v six times as large and F_c 10 % low."""
+def test_noise_of_a_slow_gauge_is_no_hunting() -> None:
+    """A gauge of 20 ms is louder at low frequencies."""
     quiet = case("nominal", "triangle", "hard", seed=9300, path={"hunting": Hunting(0.0)})
     rows = np.arange(quiet.recording.time_s.size)
     path = force_path(quiet.recording, quiet.nameplate, rows, spring_n_per_m=5.0e4, noise_m=2.0e-5)
@@ -100,6 +100,10 @@ def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_dam
     line = np.polynomial.Polynomial.fit(command_pa, path.force_n, 1)
     assert (path.force_n - line(command_pa)).std() < 0.02 * path.left_n.std()
 
+
+@pytest.mark.long
+def test_noise_of_a_slow_gauge_does_not_turn_friction_into_damping() -> None:
+    """Let through, it made F_v six times as large and F_c 10 % low."""
     hunting = case("small", "triangle", "hard", seed=9300)
     estimate = RoughFrictionEstimator().estimate(hunting.recording, hunting.nameplate)
     for symbol in ("F_c", "F_v"):
@@ -108,7 +112,8 @@ def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_dam
         assert known.ci95[0] < true < known.ci95[1], symbol
 
 
-@pytest.mark.parametrize("valve", [pytest.param("nominal", marks=pytest.mark.long), "small"])
+@pytest.mark.long
+@pytest.mark.parametrize("valve", ["nominal", "small"])
 def test_a_short_lag_is_the_converters_where_the_stem_turns_as_slowly(valve: str) -> None:
     """Taken for the gauge's own, 20 ms left F_v 50 and 65 % low, m 76 and 44 %, with intervals of 3 to 13 %."""
     one = case(valve, "triangle", "mild", seed=1, path={"lag_s": 0.02}, pressure={"filter_s": 0.003, "noise_rms": 30.0})

@@ -66,6 +66,7 @@ def test_rows_that_are_too_slow_to_show_it_are_left_as_they_are() -> None:
     assert without_hum(time_s, position_m) is position_m
 
 
+@pytest.mark.long
 def test_a_hum_is_no_stem_that_swings() -> None:
     # 10 um at 50 Hz on a valve whose friction is 45 N: a stem of 0.5 kg without damping swings at 50.8 Hz
     made = case("vendor", "triangle", "hard", seed=6002)

@@ -47,6 +47,7 @@ def test_a_position_almost_without_noise_still_gives_the_mass() -> None:
         assert abs(_off(estimate, made.truth.parameters.by_symbol(), symbol)[0]) < most
 
 
+@pytest.mark.long
 def test_the_one_long_slide_of_a_valve_that_hardly_moves_again_counts_for_what_it_swept() -> None:
     # opening it first slides 58 mm, then 13 mm to and fro: the mean friction is that over the 58 mm
     made = case("rough", "multi_rate", "hard", 1.0e-3, seed=1003)
@@ -74,6 +75,7 @@ def test_several_recordings_of_one_valve_give_one_estimate() -> None:
         assert abs(error) < min(2.0 * half_width, most)
 
 
+@pytest.mark.long
 def test_a_stem_that_creeps_leaves_its_balance_no_surer_than_its_motion() -> None:
     # the graphite valve is driven at hardly more than DV; the balance of forces alone put F_0 off by 5 of its errors
     made = case("graphite", "triangle", "usual", 20.0e-3, seed=500)
@@ -116,7 +118,7 @@ def test_lag_and_dead_time_of_an_even_valve_are_found_from_its_command() -> None
     assert abs(error) < 2.0 * half_width < 0.04
 
 
-@pytest.mark.parametrize("seed", [2122, 2167, 2224])
+@pytest.mark.parametrize("seed", [*(pytest.param(n, marks=pytest.mark.long) for n in (2122, 2167)), 2224])
 def test_what_a_command_alone_tells_of_friction_holds_however_late_the_force_is(seed: int) -> None:
     # a stem that only slips shows no lag (F_c was 85 % off); the I/P's lag was taken for the stem's (F_s: 8 times)
     made = random_test(seed)

@@ -52,6 +52,7 @@ def test_a_stem_with_two_breakaways_gives_no_balance_of_slips() -> None:
     assert balance_of_slips(_read(case("vendor", "triangle", "mild", 5.0e-3, seed=1))) is None
 
 
+@pytest.mark.long
 def test_motions_in_which_a_stem_rested_unseen_draw_no_parameter_after_them() -> None:
     # a quarter of the motions are two slips in one: they left 7 times the noise, and F_c was 23 % too small
     made = random_test(2269)
