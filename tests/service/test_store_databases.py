@@ -293,7 +293,9 @@ def test_a_filter_that_matches_almost_nothing_is_answered_without_a_walk_past_al
     quick_path: Path, wanted: RunFilter
 ) -> None:
     store = Store(quick_path)
-    tests = [_row(replace(_run(), state=RunState.COMPLETED, created_at=NOW + timedelta(hours=h))) for h in range(5000)]
+    # ids of their own: of so many that are drawn within a second two are alike in one run of 300
+    times = {f"{new_run_id()}-{h}": NOW + timedelta(hours=h) for h in range(5000)}
+    tests = [_row(replace(_run(), id=one, state=RunState.COMPLETED, created_at=at)) for one, at in times.items()]
     with store.engine.begin() as connection:
         connection.execute(insert(TESTS), tests)
         connection.execute(update(TESTS).where(TESTS.c.number == 17).values(label=Label.AS_FOUND.value))
