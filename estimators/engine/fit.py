@@ -98,7 +98,7 @@ def _prior_terms(model: Model, unknowns: Unknowns, one: Linearised) -> tuple[Flo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Quadratic:
+class Quadratic:
     """The sum of squares about a point as its equations have it, in unknowns scaled to a diagonal of ones.
 
     ``scaled``: shape (n, n); ``right``: shape (n,), in the scaled unknowns; ``scale``: shape (n,), of one each.
@@ -113,13 +113,18 @@ class _Quadratic:
 
         Cutting a step afterwards, without their answer, would leave m and F_v where a filter that may not be shorter
         put them. The answer takes the columns of the inverse that belong to what is held: no second factorisation.
+        ``box``: least and largest step, shape (n,) each, in the unknowns' own units, as the step. None where the
+        equations determine nothing.
         """
         damped = self.scaled.copy()
         damped[np.diag_indices_from(damped)] += damping + 1.0e-12
         try:
             factor = cho_factor(damped, lower=True, check_finite=False, overwrite_a=True)
+            return self._held_within(factor, box)
         except LinAlgError:
             return None
+
+    def _held_within(self, factor: tuple[FloatArray, bool], box: tuple[FloatArray, FloatArray]) -> FloatArray:
         free = cho_solve(factor, self.right, check_finite=False)
         low, high = (side / self.scale for side in box)
         step, held = free, np.zeros(free.size, np.bool_)
@@ -143,9 +148,10 @@ class _Quadratic:
         return float(2.0 * self.right @ scaled - scaled @ self.scaled @ scaled)
 
 
-def _quadratic(normal: FloatArray, right: FloatArray) -> _Quadratic:
+def quadratic(normal: FloatArray, right: FloatArray) -> Quadratic:
+    """Return what normal equations say of the sum of squares; shapes (n, n) and (n,), in the unknowns' own units."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
-    return _Quadratic(normal * scale * scale[:, np.newaxis], right * scale, scale)
+    return Quadratic(normal * scale * scale[:, np.newaxis], right * scale, scale)
 
 
 def _is_finite(normal: FloatArray, right: FloatArray) -> bool:
@@ -194,7 +200,7 @@ def descend(
         normal, right = _prior_terms(model, unknowns, model.linearised(unknowns, paths))
         if not _is_finite(normal, right):
             break
-        gained, box, about = 0.0, _box(unknowns, model), _quadratic(normal, right)
+        gained, box, about = 0.0, _box(unknowns, model), quadratic(normal, right)
         while damping < _MOST_DAMPING:
             step = about.within(damping, box)
             if step is not None:
