@@ -143,13 +143,16 @@ class Quadratic:
         return np.asarray(self.scale * np.clip(step, low, high))
 
     def promised(self, step: FloatArray) -> float:
-        """Return by how much a step, shape (n,), lowers the sum of squares if the equations are right."""
+        """Return by how much a step, shape (n,), SI, lowers the sum of squares if the equations are right."""
         scaled = step / self.scale
         return float(2.0 * self.right @ scaled - scaled @ self.scaled @ scaled)
 
 
 def quadratic(normal: FloatArray, right: FloatArray) -> Quadratic:
-    """Return what normal equations say of the sum of squares; shapes (n, n) and (n,), in the unknowns' own units."""
+    """Return what normal equations say of the sum of squares.
+
+    ``normal``: shape (n, n); ``right``: shape (n,); SI, whatever each unknown is in.
+    """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
     return Quadratic(normal * scale * scale[:, np.newaxis], right * scale, scale)
 
