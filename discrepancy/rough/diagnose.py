@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
-from discrepancy.rough.causes import INPUT_CAUSES, SEEN_CAUSES
+from discrepancy.rough.causes import HIDING_CAUSES, INPUT_CAUSES, SEEN_CAUSES
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
@@ -50,6 +50,11 @@ _NO_SLIDES: Final = say(
 )
 _NEEDS_SLIDES: Final = say(
     "needs_slides", "What only a stem that slides shows could not be looked for: {why}.", why=_NO_SLIDES
+)
+_SHAKEN: Final = say(
+    "hidden_by_shaking",
+    "What else the forces show could not be looked for while the stem is shaken: stop what shakes it, and repeat the "
+    "test.",
 )
 _NO_FRICTION: Final = say(
     "friction_not_seen", "what the forces leave has no friction in it: check sensors and nameplate"
@@ -144,10 +149,12 @@ def diagnose(
     if accepted.laws:
         null = fitted(null.problem, accepted.columns(null.problem))
     view = View(recording, nameplate, reading, setting, null, estimate)
-    candidates = [one for one in accepted.candidates(setting) if one.by_slips or not slips]
+    first = HIDING_CAUSES if rows.has_spring else ()
+    seen = [(one, shown) for one in first if (shown := one.seen(view)) is not None]
+    is_hidden = bool(seen)
+    candidates = [] if is_hidden else [one for one in accepted.candidates(setting) if one.by_slips or not slips]
     selection = selected(null, [one for one in candidates if rows.has_spring or not one.needs_spring])
     view = replace(view, null=selection.null)
-    seen: list[tuple[SeenCause, Seen]] = []
     for other in SEEN_CAUSES if rows.has_spring else ():
         free = other.by_slips if slips else not other.is_last or not (selection.rounds or seen)
         if free and (shown := other.seen(view)) is not None:
@@ -155,6 +162,8 @@ def diagnose(
     if null.known("F_c").value <= 0.0 and not any(cause.is_last for cause, _ in seen):
         return input_alone(_NO_FRICTION)
     found = _concluded(view, selection, seen, held_out, accepted)
+    if is_hidden:
+        return replace(found, not_looked_for=_SHAKEN)
     if not slips:
         return found
     if found.verdict is Verdict.NONE:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
-from discrepancy.rough.causes import CAUSES, SEEN_CAUSES
+from discrepancy.rough.causes import CAUSES, HIDING_CAUSES, SEEN_CAUSES
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.spring_preload import SpringPreload
 from valve.errors import RequestError
@@ -15,7 +15,7 @@ from valve.messages import say
 from valve.nameplate import Nameplate
 
 SCHEMA: Final = "breakaway/valve-model/2"
-_KNOWN: Final = frozenset({one.name for one in CAUSES} | {one.name for one in SEEN_CAUSES})
+_KNOWN: Final = frozenset({one.name for one in CAUSES} | {one.name for one in (*HIDING_CAUSES, *SEEN_CAUSES)})
 _OFFSET: Final = "offset_n"
 
 

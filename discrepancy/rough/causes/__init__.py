@@ -30,6 +30,7 @@ from discrepancy.rough.causes.supply_saturation import SupplySaturation
 from discrepancy.rough.causes.transducer_delay import TransducerDeadTime, TransducerLag
 from discrepancy.rough.causes.transducer_hysteresis import TransducerHysteresis
 from discrepancy.rough.causes.travel_stop import TravelStopHigh, TravelStopLow
+from discrepancy.rough.causes.vibration import Vibration
 
 CAUSES: Final[tuple[type[Cause], ...]] = (
     FrictionAsymmetry,
@@ -58,6 +59,9 @@ INPUT_CAUSES: Final[tuple[InputCause, ...]] = (
     TransducerLag(),
     TransducerDeadTime(),
 )
+
+# Causes that are looked for first: beside them the forces of a stem tell nothing else.
+HIDING_CAUSES: Final[tuple[SeenCause, ...]] = (Vibration(),)
 
 # Causes that the recording shows without a fit.
 SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
