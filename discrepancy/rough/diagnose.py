@@ -53,8 +53,8 @@ _NEEDS_SLIDES: Final = say(
 )
 _SHAKEN: Final = say(
     "hidden_by_shaking",
-    "What else the forces show could not be looked for while the stem is shaken: stop what shakes it, and repeat the "
-    "test.",
+    "Friction is what the shaken stem shows, and what else is wrong could not be looked for: stop what shakes it, and "
+    "repeat the test.",
 )
 _NO_FRICTION: Final = say(
     "friction_not_seen", "what the forces leave has no friction in it: check sensors and nameplate"

@@ -44,7 +44,7 @@ def test_the_force_is_named_with_its_frequency_and_as_much_of_its_size_as_shows(
     assert fitted["frequency_hz"].value == pytest.approx(frequency_hz, abs=5.0e-3)
     low_n, high_n = fitted["force_n"].ci95
     assert low_n <= force_n <= high_n
-    assert "stop what shakes it" in found.not_looked_for
+    assert "stop what shakes it" in found.not_looked_for  # what friction it has by itself does not show
     assert found.gain is None or not found.gain.is_far_worse
 
 
