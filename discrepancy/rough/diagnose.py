@@ -159,7 +159,7 @@ def diagnose(
         free = other.by_slips if slips else not other.is_last or not (selection.rounds or seen)
         if free and (shown := other.seen(view)) is not None:
             seen.append((other, shown))
-    if null.known("F_c").value <= 0.0 and not any(cause.is_last for cause, _ in seen):
+    if null.known("F_c").value <= 0.0 and not is_hidden and not any(cause.is_last for cause, _ in seen):
         return input_alone(_NO_FRICTION)
     found = _concluded(view, selection, seen, held_out, accepted)
     if is_hidden:

@@ -37,14 +37,17 @@ _QUICKEST_HZ: Final = 45.0  # below the mains
 _OF_NYQUIST: Final = 0.9
 _STEP_S: Final = 5.0e-3
 _AROUND_HZ: Final = 1.0  # each way: the spectrum that a line stands out of
+_MIDDLES: Final = 20  # places within that width at which it is looked at
 _RANK: Final = 90.0  # percent of it: a test that repeats itself is a comb of lines
 _LINE: Final = 9.0  # nats over all frequencies that were looked at
 _KEEPS: Final = 6.0  # nats, of the clock against strokes in any phase
 _BETTER: Final = 3.5  # nats, than strokes that are alike from their beginnings on
 _TRIED: Final = 41  # frequencies within one over the duration
+_COARSE: Final = 5  # of their steps at first
 _FEWEST_STEPS: Final = 100
 _FEWEST_CYCLES: Final = 3.0
 _FEWEST_STROKES: Final = 4
+_LONGEST_RUN_S: Final = 240.0  # that is searched
 _LONGEST_S: Final = 10.0  # that is simulated
 _SHARES: Final = np.geomspace(5.0e-4, 0.1, 12)  # of the full force
 _DAMPINGS: Final = (0.33, 1.0, 3.0)  # of the plain valve's
@@ -171,10 +174,11 @@ class Vibration(SeenCause):
 
 
 def _motion(reading: Reading) -> _Motion:
-    """The longest run, at rows or averaged over ``_STEP_S``."""
+    """The longest run, its beginning if it is long, at rows or averaged over ``_STEP_S``."""
     samples = reading.samples
     first = int(np.argmax(samples.run_last - np.arange(samples.count)))
-    run = slice(first, int(samples.run_last[first]) + 1)
+    last_s = min(float(reading.time_s[samples.run_last[first]]), float(reading.time_s[first]) + _LONGEST_RUN_S)
+    run = slice(first, int(np.searchsorted(reading.time_s, last_s, side="right")))
     still_m = reading.position_m.copy()
     for rest in reading.segmentation.rests:
         still_m[rest.first : rest.last + 1] = rest.level_m
@@ -209,20 +213,27 @@ def clock_of(reading: Reading) -> Clock | None:
     step_hz = 2.0 / (_TRIED * float(np.ptp(motion.time_s)))
     reach_hz = 1.0 / float(np.median([np.ptp(one.time_s) for one in strokes]))
     # motion that goes one way and the other has twice the frequency, too
-    near_hz = np.concatenate([middle + np.arange(-reach_hz, reach_hz, step_hz) for middle in (0.5 * line_hz, line_hz)])
+    coarse_hz = np.arange(-reach_hz, reach_hz, _COARSE * step_hz)
+    near_hz = np.concatenate([0.5 * line_hz + coarse_hz, line_hz + coarse_hz])
     near_hz = near_hz[near_hz >= _SLOWEST_HZ]
-    best_hz = float(max(near_hz.tolist(), key=lambda one: abs(sum(stroke.tone_m(one) for stroke in strokes))))
     begins_s = np.array([one.time_s[0] for one in strokes])
     ways = np.array([np.sign(one.force_n[-1] - one.force_n[0]) for one in strokes])
-    kept, alike, shown_m = 0.0, 0.0, np.zeros(len(strokes))
-    for frequency_hz in best_hz + step_hz * np.arange(-(_TRIED // 2), _TRIED // 2 + 1):
-        tones = np.array([one.tone_m(float(frequency_hz)) for one in strokes])
-        kept, shown_m = max(kept, _surely_alike([tones])), np.maximum(shown_m, np.abs(tones))
+
+    def tones_m(frequency_hz: float) -> ComplexArray:
+        return np.array([one.tone_m(frequency_hz) for one in strokes])
+
+    middle_hz = float(max(near_hz.tolist(), key=lambda one: abs(tones_m(one).sum())))
+    kept, alike, best_hz, best_m = 0.0, 0.0, middle_hz, np.zeros(len(strokes), np.complex128)
+    for frequency_hz in (middle_hz + step_hz * np.arange(-(_TRIED // 2), _TRIED // 2 + 1)).tolist():
+        tones = tones_m(frequency_hz)
+        if abs(tones.sum()) > abs(best_m.sum()):
+            best_hz, best_m = frequency_hz, tones
+        kept = max(kept, _surely_alike([tones]))
         own = tones * np.exp(2j * np.pi * frequency_hz * begins_s)
         alike = max(alike, _surely_alike([own[ways > 0.0], own[ways < 0.0]]))
     if kept < _KEEPS or kept - alike < _BETTER:
         return None
-    most = strokes[int(np.argmax(shown_m))]
+    most = strokes[int(np.argmax(np.abs(best_m)))]
     begin_s = float(most.time_s[0])
     return Clock(best_hz, 0.5 * step_hz, most.between(begin_s, begin_s + _LONGEST_S))
 
@@ -240,10 +251,11 @@ def _line(motion: _Motion) -> float | None:
     chosen = np.arange(math.ceil(_SLOWEST_HZ / bin_hz), math.floor(last_hz / bin_hz))
     if chosen.size == 0 or chosen[0] < around:
         return None
-    windows = sliding_window_view(power, 2 * around + 1)[np.minimum(chosen, power.size - around - 1) - around]
+    middles = np.append(chosen[:: max(1, around // _MIDDLES)], chosen[-1])
+    windows = sliding_window_view(power, 2 * around + 1)[np.minimum(middles, power.size - around - 1) - around]
     # of noise that is alike around it the power is distributed exponentially
     mean = np.percentile(windows, _RANK, axis=1) / -math.log1p(-_RANK / 100.0)
-    over = power[chosen] / np.maximum(mean, 1.0e-300)
+    over = power[chosen] / np.maximum(np.interp(chosen, middles, mean), 1.0e-300)
     looked_at = (last_hz - _SLOWEST_HZ) * steps_m.size * motion.step_s
     most = int(np.argmax(over))
     return float(chosen[most] * bin_hz) if over[most] - math.log(looked_at) > _LINE else None
