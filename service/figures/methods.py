@@ -70,7 +70,7 @@ def methods_picture(estimates: Sequence[Mapping[str, Any]], reader: Reader) -> P
         axes.set_ylim(-0.6, len(rows) - 0.4)
         handles, labels = axes.get_legend_handles_labels()
         once = dict(zip(labels, handles, strict=True))
-        figure.legend(once.values(), once.keys(), loc="outside upper left", frameon=False, ncols=3, labelcolor=INK)
+        figure.legend(once.values(), once.keys(), loc="outside upper left", frameon=False, ncols=2, labelcolor=INK)
     said = "; ".join(
         f"{symbol} {reader.told(method_words(method))} "
         f"{reader.measured(entry['value'], entry.get('ci95'), entry['unit'])}"

@@ -131,6 +131,18 @@ def test_a_preload_that_is_known_is_drawn() -> None:
     assert "F_0" in picture.description
 
 
+@pytest.mark.parametrize("language", Language)
+def test_the_names_of_all_methods_and_of_the_model_with_a_cause_fit_into_the_picture(language: Language) -> None:
+    one = _estimates(100.0, 1.0)[0]
+    methods = ("regression", "garcia", "maximum_likelihood", "extended")
+    picture = methods_picture([one | {"method": method} for method in methods], Reader(language=language))
+    assert picture is not None
+    picture.figure.draw_without_rendering()
+    (legend,) = picture.figure.legends
+    assert len(legend.get_texts()) == len(methods)
+    assert legend.get_window_extent().x1 <= picture.figure.bbox.x1
+
+
 def test_a_misfit_without_a_cause_is_not_called_one_without_the_cause() -> None:
     time = {"time_s": [0.0, 1.0], "measured_m": [0.0, 1.0e-3], "before_m": [0.0, 1.1e-3]}
     healthy, found = (time_picture({"time": one}, Reader()) for one in (time, time | {"after_m": [0.0, 1.0e-3]}))
