@@ -60,7 +60,7 @@ _WIDE: Final = 3.0  # from the least force to the largest
 _TURNED_S: Final = 0.2
 _STOPS_S: Final = 0.1  # a damped stem goes on a little
 _LIKE_MOTION: Final = 0.4  # of the swing in motion: that near at rest, and it is the reading that shakes
-_OF_PRESSURE: Final = 0.3  # of the force: so much in the gauge, and it is the pressure that shakes
+_OF_PRESSURE: Final = 0.3  # of the force's middle: so much in the gauge, and it is the pressure that shakes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +76,12 @@ class _Motion:
         """Return the part from ``begin_s`` to ``end_s``."""
         part = slice(*np.searchsorted(self.time_s, (begin_s, end_s)))
         return _Motion(self.time_s[part], self.position_m[part], self.force_n[part], self.step_s)
+
+    def strokes(self, corners_s: FloatArray, least_s: float) -> list[_Motion]:
+        """Return the parts between the force's turns, at least so long; the first stroke is no whole one."""
+        inside_s = corners_s[(corners_s > self.time_s[0]) & (corners_s < self.time_s[-1])].tolist()
+        ends_s = pairwise([*inside_s, float(self.time_s[-1])])
+        return [self.between(begin_s, end_s) for begin_s, end_s in ends_s if end_s - begin_s >= least_s]
 
     def tones_m(self, frequencies_hz: FloatArray) -> ComplexArray:
         """Return the tones of these frequencies, shape (n,), m."""
@@ -138,12 +144,12 @@ class Vibration(SeenCause):
     def seen(self, view: View) -> Seen | None:
         """Return force and frequency where the motion keeps a clock that the pressure does not show."""
         clock = clock_of(view.reading)
-        if clock is None:
-            return None
-        if _is_readings(view, clock):
+        if clock is None or _is_readings(view, clock):
             return None
         found = _force(view, clock)
-        if found is None or _in_pressure_n(view.reading, clock.frequency_hz) > _OF_PRESSURE * found.high_n:
+        if found is None:
+            return None
+        if _in_pressure_n(view.reading, clock.frequency_hz) > _OF_PRESSURE * math.sqrt(found.low_n * found.high_n):
             return None
         middle_n, half_n = 0.5 * (found.low_n + found.high_n), 0.5 * (found.high_n - found.low_n)
         fitted = {
@@ -201,13 +207,7 @@ def clock_of(reading: Reading) -> Clock | None:
     line_hz = _line(motion)
     if line_hz is None:
         return None
-    inside_s = corners_s[(corners_s > motion.time_s[0]) & (corners_s < motion.time_s[-1])].tolist()
-    # the first stroke is no whole one
-    strokes = [
-        motion.between(begin_s, end_s)
-        for begin_s, end_s in pairwise([*inside_s, float(motion.time_s[-1])])
-        if (end_s - begin_s) * line_hz >= _FEWEST_CYCLES
-    ]
+    strokes = motion.strokes(corners_s, _FEWEST_CYCLES / line_hz)
     if len(strokes) < _FEWEST_STROKES:
         return None
     step_hz = 2.0 / (_TRIED * float(np.ptp(motion.time_s)))
@@ -354,8 +354,9 @@ def _is_readings(view: View, clock: Clock) -> bool:
         turned_n, later_n = np.interp([corner_s, corner_s + _TURNED_S], time_s, force_n)
         # half of what it takes to move it back
         held_s = min(view.null.known("F_c").value * _TURNED_S / max(abs(later_n - turned_n), 1.0e-9), _LONGEST_S)
-        if (held_s - _STOPS_S) * clock.frequency_hz >= _FEWEST_CYCLES:
-            part = slice(*np.searchsorted(time_s, (corner_s + _STOPS_S, corner_s + held_s)))
+        first, end = np.searchsorted(time_s, (corner_s + _STOPS_S, corner_s + held_s)).tolist()
+        if (held_s - _STOPS_S) * clock.frequency_hz >= _FEWEST_CYCLES and end > first:
+            part = slice(first, end)
             beside_m = reading.position_m[part] - reading.position_m[part].mean()
             tone_m += beside_m @ np.exp(-2j * np.pi * clock.frequency_hz * time_s[part])
             rows += beside_m.size

@@ -73,13 +73,19 @@ def test_what_a_reading_picks_up_shakes_no_stem(frequency_hz: float) -> None:
     assert "vibration" not in [one.cause for one in found.causes]
 
 
-def test_a_pressure_that_shakes_is_none_of_the_stems_causes() -> None:
-    made = shaken("large", "multi_rate", 0.02, 250.0, 13.27)
-    assert made.recording.pressure_pa is not None
+@pytest.mark.parametrize(
+    ("sequence", "force_n", "frequency_hz"), [("multi_rate", 150.0, 9.3), ("diagnostic", 60.0, 18.63)]
+)
+def test_a_pressure_that_shakes_is_none_of_the_stems_causes(sequence: str, force_n: float, frequency_hz: float) -> None:
+    made = shaken("nominal", sequence, 0.02, force_n, frequency_hz)
     area_m2 = made.nameplate.actuator.diaphragm_area_m2
+    assert made.recording.pressure_pa is not None
     assert area_m2 is not None
-    turning = 2.0 * np.pi * 13.27 * made.recording.time_s + 0.7
-    shaking = replace(made.recording, pressure_pa=made.recording.pressure_pa + 250.0 / area_m2 * np.sin(turning))
+    tone_pa = force_n / area_m2 * np.sin(2.0 * np.pi * frequency_hz * made.recording.time_s + 0.7)
+    shaking = replace(made.recording, pressure_pa=made.recording.pressure_pa + tone_pa)
+    reading = as_measured(shaking, made.nameplate)
+    assert not isinstance(reading, Outcome)
+    assert clock_of(reading) is not None
     found = diagnose(shaking, made.nameplate)
     assert "vibration" not in [one.cause for one in found.causes]
 
