@@ -7,6 +7,7 @@ import re
 import string
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -155,8 +156,13 @@ def _says(module: ast.Module) -> bool:
     return any(one.name == "say" for node in imports for one in node.names)
 
 
-def _said() -> Iterator[tuple[str, str, str, set[str]]]:
+@cache
+def _said() -> tuple[tuple[str, str, str, set[str]], ...]:
     """Where each message is said, its code, its template, and the names of its values."""
+    return tuple(_sayings())
+
+
+def _sayings() -> Iterator[tuple[str, str, str, set[str]]]:
     for room in ROOMS:
         for path, module in _modules(room):
             for name, call in _calls(module) if _says(module) else ():

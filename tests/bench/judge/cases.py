@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -69,8 +70,12 @@ class Case:
     true_rmse_m: float | None  # of the true mean law with its causes, on the held-out recording
 
 
-def case(kind: str, seed: int, only: str = "") -> Case:
-    """Return the case of a kind and a seed; ``only``: this cause is hidden."""
+def case(kind: str, seed: int, only: str = "", sizes: tuple[float, ...] = ()) -> Case:
+    """Return the case of a kind and a seed; ``only``: this cause is hidden.
+
+    ``sizes`` are those of the causes where the case was made before (its ``size``): most of the time goes into finding
+    them. Their strengths are not asked for again, and ``nan``.
+    """
     rng = np.random.default_rng([seed, *kind.encode()])
     effects = _chosen(kind, rng, only, seed)
     setting = _setting(kind, effects, rng, seed)
@@ -83,7 +88,11 @@ def case(kind: str, seed: int, only: str = "") -> Case:
         band = (3.0, 40.0)
     target = float(np.exp(rng.uniform(np.log(band[0] * 1.1), np.log(band[1] * 0.8))))
     path = any(effect.path for effect in effects)
-    hidden, strengths, made = _hidden(effects, setting, band, target=target, play=rng if kind == "play" else None)
+    if sizes:
+        hidden, strengths = tuple(zip(effects, sizes, strict=True)), [math.nan] * len(sizes)
+        made = run(setting, hidden)
+    else:
+        hidden, strengths, made = _hidden(effects, setting, band, target=target, play=rng if kind == "play" else None)
     shares = {"mass": bool(rng.random() < 0.5), "bench_set": bool(rng.random() < 0.8)}
     if any(effect.name in _GROUPS[0] for effect in effects):
         shares["bench_set"] = True

@@ -44,7 +44,7 @@ def test_a_slow_reading_is_named_with_its_lag(valve: str, sequence: str) -> None
 @pytest.mark.parametrize("seed", [328, 322])
 def test_the_tail_of_a_slow_reading_is_no_row_of_rests(seed: int) -> None:
     # 376 ms of 500, and what was left out was predicted worse with it; m and F_v were those of the reading
-    analysis, _ = diagnosed(judged("hidden", seed, "position_lag"))
+    analysis, _ = diagnosed(judged("hidden", seed, "position_lag", sizes=(0.5,)))
     (cause,) = analysis["discrepancy"]["causes"]
     assert analysis["discrepancy"]["verdict"] == "named"
     assert cause["parameters"]["lag_s"]["value"] == pytest.approx(0.5, rel=0.05)
@@ -53,7 +53,7 @@ def test_the_tail_of_a_slow_reading_is_no_row_of_rests(seed: int) -> None:
 @pytest.mark.long
 def test_a_reading_of_half_a_second_is_none_of_a_stem_that_its_ramps_show_to_be_quicker() -> None:
     # the motion after the breakaways alone made it a stem of 1.3 s, which the ramps do not show: "no fault found"
-    analysis, _ = diagnosed(made := judged("hidden", 140))
+    analysis, _ = diagnosed(made := judged("hidden", 140, sizes=(0.5,)))
     assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == made.facts["truth"]
 
 
