@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from functools import cache
 from typing import Final
 
 from argon2 import PasswordHasher
@@ -15,8 +16,6 @@ SHORTEST: Final = 12  # characters; without a second factor a shorter one is gue
 LONGEST: Final = 256
 # One lane, so that a sign-in takes one core from a running test and not all: about 0.1 s, 46 MiB.
 _HASHER: Final = PasswordHasher(time_cost=2, memory_cost=47_104, parallelism=1)
-#: Compared with where a name is unknown: the answer takes as long as for one that is known.
-_NOBODY: Final = _HASHER.hash(secrets.token_urlsafe(32))
 
 
 def hashed(name: str, password: str) -> str:
@@ -44,10 +43,17 @@ def hashed(name: str, password: str) -> str:
     return _HASHER.hash(password.encode("utf-8", "surrogatepass"))
 
 
+@cache
+def _nobody() -> str:
+    """Compared with where a name is unknown: the answer takes as long as for one that is known."""
+    return _HASHER.hash(secrets.token_urlsafe(32))
+
+
 def fits(stored: str | None, password: str) -> bool:
     """Return whether a password is the one that is stored; as slow where none is."""
+    nobody = _nobody()
     try:
-        _HASHER.verify(_NOBODY if stored is None else stored, password.encode("utf-8", "surrogatepass"))
+        _HASHER.verify(nobody if stored is None else stored, password.encode("utf-8", "surrogatepass"))
     except (Argon2Error, InvalidHashError):
         return False
     return stored is not None
