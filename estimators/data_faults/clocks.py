@@ -44,6 +44,7 @@ _ERRORS: Final = 6.0
 _CLEARLY_BY_TIME: Final = 0.6  # of the squares that the sweeps' times leave
 _LEAST_DRIFT_S: Final = 0.02
 _BETTER: Final = 0.95  # of what the balance of forces leaves: so much a clock that is put right mends
+_AS_LATE: Final = (0.5, 1.0, 1.5, 2.0)  # of the stem's mean delay: a pressure that is late alike must not do so, too
 _SPEED_S: Final = 0.05  # to both sides, that show a speed
 _MOVES: Final = 0.05  # of the usual speed
 _LEAST_MOVING: Final = 100  # rows
@@ -188,7 +189,7 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
 
     Where the pressure turns, a moving stem stops, within milliseconds and with any friction. Both instants, each from
     lines on its two sides, come further and further apart where the clocks run at different speeds. Behind a reading
-    that lags they do so by how long a sweep takes.
+    that lags they do so by how long a sweep takes, and a pressure that is late alike all along mends as much.
     """
     pressure_pa = recording.pressure_pa
     if pressure_pa is None or recording.samples < 500:
@@ -222,12 +223,10 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     enough_s = max(_LEAST_DRIFT_S, recording.sample_period_s, _SPREADS * spread_s)
     if abs(rate) < _ERRORS * error or drift_s < enough_s:
         return recording, []
-    shifted_s = recording.time_s + rate * recording.time_s + offset_s
-    known = np.isfinite(pressure_pa)
-    moved_pa = np.interp(recording.time_s, shifted_s[known], pressure_pa[known], left=np.nan, right=np.nan)
-    moved_pa[~known] = np.nan
-    moved = replace(recording, pressure_pa=moved_pa)
-    if not _left_pa(moved) < _BETTER * _left_pa(recording):
+    moved = _moved(recording, rate * recording.time_s + offset_s)
+    late_alike_s = float(late_s.mean())
+    as_late = (_moved(recording, np.full_like(recording.time_s, part * late_alike_s)) for part in _AS_LATE)
+    if not _left_pa(moved) < _BETTER * min(map(_left_pa, (recording, *as_late))):
         return recording, []
     runs_by = (
         say("runs_fast", "{rate:.3g ms} a second fast", rate=abs(rate))
@@ -248,6 +247,17 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
         "pressure_pa", "own_clock", 0, sentence, {"rate": (float(rate), "s/s"), "drift_s": (drift_s, "s")}
     )
     return moved, [fault]
+
+
+def _moved(recording: Recording, by_s: FloatArray) -> Recording:
+    """The recording with its pressure later by that much, s, shape (n,)."""
+    pressure_pa = recording.pressure_pa
+    assert pressure_pa is not None
+    known = np.isfinite(pressure_pa)
+    there_s = recording.time_s + by_s
+    moved_pa = np.interp(recording.time_s, there_s[known], pressure_pa[known], left=np.nan, right=np.nan)
+    moved_pa[~known] = np.nan
+    return replace(recording, pressure_pa=moved_pa)
 
 
 def _line_of_most(matrix: FloatArray, late_s: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:

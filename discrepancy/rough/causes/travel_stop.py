@@ -20,7 +20,9 @@ from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
 from valve.effects.travel_stop_low import TravelStopLow as LowEffect
 from valve.messages import say
 
-_LEAST_S: Final = 0.12  # between the arrival and the turn of the force
+_LEAST_S: Final = 0.12  # between the arrival and the turn of the force; where that was more than any friction
+_AT_LEAST_S: Final = 0.03  # and
+_LATER: Final = 3.0  # times how late the stem is
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
 _UNTOLD: Final = 4.0  # times that where no command tells what an I/P does by itself, and
@@ -29,6 +31,9 @@ _HUNTS: Final = 8.0  # standard deviations of what an I/P does by itself: the hi
 _SMOOTHED_S: Final = 0.2
 _SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ
 _FEWEST_VISITS: Final = 2
+_PRESSED_BANDS: Final = 2.0  # the same way of a stem that is pressed against a stop for a moment, by
+_PRESSED: Final = 0.5  # of F_s more than that
+_FEWEST_PRESSED: Final = 3
 _BEYOND: Final = 0.004  # of the travel that a reading may show beyond the stop
 _SLIDING: Final = 0.3  # of the speed by the force's rate, at least, with which a sliding stem arrives
 _NEAR_S: Final = 0.1
@@ -40,14 +45,15 @@ _HELD: Final = 5.0  # standard deviations of the breakaway by which a stop holds
 class _Arrival:
     """A stem that came to rest while the force went on: where, and how far the force would have driven it.
 
-    ``is_sliding``: it came from steady motion, in which friction holds no stem. ``beyond_static``: the net force that
-    it withstood over F_s, in standard deviations of the breakaway.
+    ``is_sliding``: it came from steady motion, in which friction holds no stem. ``is_held``: the net force that it
+    withstood is surely more than F_s. ``is_pressed``: far more, if only for a moment.
     """
 
     place_m: float
     way_m: float
     is_sliding: bool
-    beyond_static: float
+    is_held: bool
+    is_pressed: bool
 
 
 def _rise(force_n: npt.NDArray[np.float64]) -> float:
@@ -85,9 +91,11 @@ class _TravelStop(ABC):
         """
         places_m, arrivals = self._arrivals(view)
         slides = not self._sticks(view)
-        shown = [one for one in arrivals if (slides and one.is_sliding) or one.beyond_static > _HELD]
+        shown = [one for one in arrivals if (slides and one.is_sliding) or one.is_held]
         if not shown:
-            return None
+            shown = [one for one in arrivals if one.is_pressed]
+            if len(shown) < _FEWEST_PRESSED:
+                return None
         band_m = view.reading.segmentation.band_m
         place_m = float(np.median([one.place_m for one in shown]))
         same_m = band_m + _SAME_PLACE * min(one.way_m for one in shown)
@@ -126,7 +134,9 @@ class _TravelStop(ABC):
         time_s, force_n = reading.time_s, self.direction * reading.path.force_n
         moves, rests = reading.segmentation.moves, reading.segmentation.rests
         spring = null.known("k").value
+        static_n = null.known("F_s").value
         scatter_n = float(np.hypot(null.hyperparameter("scatter"), null.known("F_s").std_error))
+        short_s = max(_AT_LEAST_S, _LATER * view.setting.late_s)
         width = 2 * (max(1, round(_SMOOTHED_S / reading.samples.period_s)) // 2) + 1
         hunts_n = float(np.std(moving_mean(reading.path.left_n, width)))
         least_n = max(_LEAST_RISE * view.setting.full_force_n, _HUNTS * hunts_n)
@@ -140,20 +150,24 @@ class _TravelStop(ABC):
             most = rest.first + int(np.argmax(force_n[rest.first : rest.last + 1]))
             went_on_n = _rise(force_n[rest.first : most + 1])
             way_m = went_on_n / spring
-            late = float(time_s[most] - time_s[rest.first]) > _LEAST_S
-            goes_on = went_on_n > least_n
-            if not (late and goes_on and way_m > _DRIVEN_BANDS * reading.segmentation.band_m):
+            after_s = float(time_s[most] - time_s[rest.first])
+            net_n = self.direction * (
+                self.direction * float(force_n[most]) - spring * rest.level_m - null.known("F_0").value
+            )
+            over_n = net_n - static_n
+            beyond = over_n / max(scatter_n, 1.0e-9)
+            bands = way_m / reading.segmentation.band_m
+            goes_on = went_on_n > least_n and bands > _DRIVEN_BANDS
+            goes_on = goes_on and after_s > (min(short_s, _LEAST_S) if beyond > _HELD else _LEAST_S)
+            pressed = bands > _PRESSED_BANDS and after_s > short_s and over_n > max(least_n, _PRESSED * static_n)
+            if not (goes_on or pressed):
                 continue
             before = max(move.first, int(np.searchsorted(time_s, time_s[rest.first] - _NEAR_S)))
             passed_s = max(float(time_s[rest.first] - time_s[before]), 1.0e-6)
             speed = abs(float(reading.position_m[rest.first] - reading.position_m[before])) / passed_s
             driven = abs(float(force_n[rest.first] - force_n[before])) / passed_s / spring
-            net_n = self.direction * (
-                self.direction * float(force_n[most]) - spring * rest.level_m - null.known("F_0").value
-            )
-            beyond = (net_n - null.known("F_s").value) / max(scatter_n, 1.0e-9)
-            is_sliding = _SLIDING * driven < speed < driven / _SLIDING
-            found.append(_Arrival(rest.level_m, way_m, is_sliding, beyond))
+            is_sliding = goes_on and _SLIDING * driven < speed < driven / _SLIDING
+            found.append(_Arrival(rest.level_m, way_m, is_sliding, goes_on and beyond > _HELD, pressed))
         return np.array(places_m), found
 
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:

@@ -103,7 +103,7 @@ def test_an_ip_that_hunts_or_may_do_so_drives_no_stem_on(
             segmentation=SimpleNamespace(moves=moves, rests=rests, band_m=1.0e-6),
         ),
         null=SimpleNamespace(known=known.__getitem__, hyperparameter=lambda _: 1.0),
-        setting=SimpleNamespace(full_force_n=1000.0, high_m=0.05, low_m=0.0, travel_m=0.06),
+        setting=SimpleNamespace(full_force_n=1000.0, high_m=0.05, low_m=0.0, travel_m=0.06, late_s=0.0),
     )
     assert (TravelStopHigh().seen(cast(View, view)) is not None) == is_stop
 
@@ -113,3 +113,17 @@ def test_a_stop_is_seen_by_a_stem_that_is_damped_for_longer_than_the_force_goes_
     # 0.42 s of a force that went on, behind a stem that is 0.29 s late; four arrivals within 2 um
     analysis, _ = diagnosed(judged("hidden", 381, sizes=(0.08868043526271223,)))
     assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == ["travel_stop_high"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "cause", "size"),
+    [
+        ("perfect", 1044, "travel_stop_low", 0.0104),
+        pytest.param("hidden", 1114, "travel_stop_low", 0.0112, marks=pytest.mark.long),
+        pytest.param("hidden", 809, "travel_stop_high", 0.01, marks=pytest.mark.long),
+    ],
+)
+def test_a_stop_in_the_last_percent_of_the_sweep_is_named(kind: str, seed: int, cause: str, size: float) -> None:
+    # for a moment at each turn the force is more than any friction, and the stem rests where it rested before
+    analysis, _ = diagnosed(judged(kind, seed, cause, sizes=(size,)))
+    assert [one["cause"] for one in analysis["discrepancy"]["causes"]] == [cause]

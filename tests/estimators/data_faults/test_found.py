@@ -217,9 +217,10 @@ def test_a_positioner_with_a_dead_band_on_quicker_and_quicker_ramps_is_no_clock(
     assert reasons(Recording(time_s, stem, pressure_pa)) == []
 
 
-@pytest.mark.parametrize("seed", [312, pytest.param(314, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [312, 916, pytest.param(314, marks=pytest.mark.long)])
 def test_a_reading_that_lags_on_quicker_and_quicker_ramps_is_no_clock(seed: int) -> None:
-    # the shorter a sweep, the sooner its tail turns back: a pressure that was 6.6 ms a second fast, and a dead band
+    # the shorter a sweep, the sooner its tail turns back: a pressure that was 6.6 ms a second fast, and a dead band; or
+    # one that was 2.8 ms fast, which mends less than a pressure that is late alike all along
     assert ("own_clock", "pressure_pa") not in reasons(judged("hidden", seed, "position_lag", sizes=(0.5,)).recording)
 
 
