@@ -72,3 +72,11 @@ def test_a_stem_that_coasts_leaves_no_tail(valve: str) -> None:
         reading = read(measured_rows(made.recording).recording, made.nameplate)
         assert isinstance(reading, Reading)
         assert coasting(reading).is_tail is is_tail
+
+
+def test_a_slow_reading_is_named_beside_what_command_and_pressure_show() -> None:
+    # beside a short supply nobody looked for it, and another recording was predicted seven times worse
+    analysis, _ = diagnosed(judged("pairs", 7008, "supply_saturation+position_lag", sizes=(0.283, 0.481)))
+    found = analysis["discrepancy"]
+    assert sorted(one["cause"] for one in found["causes"]) == ["position_lag", "supply_saturation"]
+    assert found["gain"]["rmse_after_m"] < 0.3 * found["gain"]["rmse_before_m"]
