@@ -86,8 +86,9 @@ class _TravelStop(ABC):
     def seen(self, view: View) -> Seen | None:
         """Return the stop if the stem arrived there twice, once at least with a force that went on, and never went on.
 
-        It slid in without a reason to stop, or the force at rest was more than any friction. A stem that sticks and
-        slips stops without a reason, so that only the force counts.
+        It slid in without a reason to stop, or the force at rest was more than any friction; in the last percent of a
+        sweep far more, three times for a moment. A stem that sticks and slips stops without a reason, so that only the
+        force counts.
         """
         places_m, arrivals = self._arrivals(view)
         slides = not self._sticks(view)
