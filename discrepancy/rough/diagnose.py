@@ -156,8 +156,8 @@ def diagnose(
     selection = selected(null, [one for one in candidates if rows.has_spring or not one.needs_spring])
     view = replace(view, null=selection.null)
     for other in SEEN_CAUSES if rows.has_spring else ():
-        of_stem = selection.rounds or any(cause not in INPUT_CAUSES for cause, _ in seen)
-        free = other.by_slips if slips else not (other.is_last and of_stem)
+        shows_else = selection.rounds or any(cause not in INPUT_CAUSES for cause, _ in seen)
+        free = other.by_slips if slips else not (other.is_last and shows_else)
         if free and (shown := other.seen(view)) is not None:
             seen.append((other, shown))
     if null.known("F_c").value <= 0.0 and not is_hidden and not any(cause.is_last for cause, _ in seen):

@@ -68,7 +68,7 @@ class SeenCause(Protocol):
 
     name: ClassVar[str]
     action: ClassVar[str]
-    #: Looked for only where no other cause was found, as others change the motion that it is read off.
+    #: Looked for only where the stem shows no other cause: those change the motion that it is read off.
     is_last: ClassVar[bool]
     #: Whether a stem shows it that hardly slides.
     by_slips: ClassVar[bool] = False
